@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import study
@@ -51,8 +52,9 @@ def test_headlines_state_the_stroke_with_large_displacements_and_the_linear_one_
     terminal.brief(document, table_1.brief(validation), [])
     on_terminal = " ".join(capsys.readouterr().out.split())
     assert sentence in on_terminal and on_terminal.index(large) < on_terminal.index(linear)
-    for text in (render.to_markdown(document), render.to_html(document)):
-        assert text.index(large) < text.index(linear)
+    text, page = render.to_markdown(document), render.to_html(document)
+    assert text.index(large) < text.index(linear)
+    assert page.index(units.typeset(large)) < page.index(units.typeset(linear))
     headline = validation_report.result(validation)["headline"]
     assert headline["stroke"]["value"] == pytest.approx(1e6 * validation.fem(LARGE).value)
     assert headline["stroke_linear"]["value"] == pytest.approx(1e6 * validation.fem(LINEAR).value)

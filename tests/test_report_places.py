@@ -199,7 +199,7 @@ def test_answer_warnings_and_card_come_before_the_rest() -> None:
     card, warnings = [Fact("stroke", "406 um", "linear")], ["No yield strength is known."]
     document = Document("A", ["Answer.", "More."], [], card, warnings)
     orders = {
-        render.to_html: ("Answer.", "No yield strength", "stroke", "406 um", "More."),
+        render.to_html: ("Answer.", "No yield strength", "stroke", "406 µm", "More."),
         render.to_markdown: ("stroke", "406 um", "No yield strength", "Answer.", "More."),
     }
     for write, order in orders.items():

@@ -19,6 +19,10 @@ from typing import Any
 import pytest
 
 pytest.importorskip("nicegui")
+import flexdesign as fd
+from flexdesign.workbench import charts
+from tests.report.test_charts import contrast
+
 playwright = pytest.importorskip("playwright.sync_api")
 
 ROOT = Path(__file__).parent.parent
@@ -29,6 +33,32 @@ PATIENCE = 600_000
 WIDTHS = (1280, 390)
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's Chromium")
+
+
+#: What text of a page has less contrast with its paper than WCAG 2.2 AA asks for (4.5), its opacity included; empty
+#: text, drawings, and what is switched off are left out.
+POOR_CONTRAST = """() => {
+  const parse = (colour) => [...colour.match(/[\\d.]+/g).map(Number), 1].slice(0, 4);
+  const over = (top, under) => top.slice(0, 3).map((value, k) => value * top[3] + under[k] * (1 - top[3]));
+  const linear = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
+  const WEIGHTS = [0.2126, 0.7152, 0.0722];
+  const luminance = (colour) => WEIGHTS.reduce((sum, weight, k) => sum + weight * linear(colour[k] / 255), 0);
+  const poor = new Set(), texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = texts.nextNode());) {
+    const element = node.parentElement, above = [];
+    if (!node.data.trim() || !element.getClientRects().length) continue;
+    if (!element.checkVisibility({ visibilityProperty: true })) continue;
+    if (element.closest("[aria-hidden=true], .disabled, svg, style, script")) continue;
+    for (let each = element; each; each = each.parentElement) above.unshift(getComputedStyle(each));
+    const paper = above.reduce((under, style) => over(parse(style.backgroundColor), under), [255, 255, 255]);
+    const share = above.reduce((product, style) => product * Number(style.opacity), 1);
+    const letters = over([...over(parse(above[above.length - 1].color), paper), share], paper);
+    const [low, high] = [luminance(letters), luminance(paper)].sort((a, b) => a - b);
+    const ratio = (high + 0.05) / (low + 0.05);
+    if (ratio < 4.5) poor.add(`${ratio.toFixed(2)}: ${node.data.trim()}`);
+  }
+  return [...poor];
+}"""
 
 
 class Server:
@@ -91,9 +121,9 @@ def browser() -> Iterator[Any]:
         made.close()
 
 
-def opened(browser: Any, server: Server, query: str = "", width: int = 1280) -> Any:
+def opened(browser: Any, server: Server, query: str = "", width: int = 1280, **options: Any) -> Any:
     """Open the page, refuse every request to elsewhere, and fail a page that makes one."""
-    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+    page = browser.new_context(viewport={"width": width, "height": 900}, **options).new_page()
     page.set_default_timeout(PATIENCE)
     page.outside = []
     page.on(
@@ -218,6 +248,45 @@ def test_a_job_that_is_cancelled_ends(browser: Any, server: Server) -> None:
     page.context.close()
 
 
+def test_the_page_and_its_chart_follow_the_scheme(demo: Any) -> None:
+    chart = "getElement(Number(document.querySelector('.nicegui-echart').id.slice(1))).chart.getOption()"
+    for scheme, is_dark in (("dark", True), ("light", False)):
+        demo.emulate_media(color_scheme=scheme)
+        demo.wait_for_function("dark => document.body.classList.contains('body--dark') === dark", arg=is_dark)
+        demo.wait_for_function(f"dark => {chart}.darkMode === dark", arg=is_dark)
+        assert demo.evaluate(POOR_CONTRAST) == []
+    for palette, light in ((charts.LIGHT, True), (charts.DARK, False)):
+        for colour in (palette.measured, palette.modelled, palette.noise, palette.some, palette.large):
+            assert contrast(colour, palette.paper) > 4.5
+        assert (contrast(palette.paper, "#ffffff") < 1.1) == light
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_what_goes_wrong_is_read_in_both_schemes(browser: Any, server: Server, scheme: str) -> None:
+    """A message of several lines lies on nothing; a job that is cancelled is told where the window is."""
+    page = opened(browser, server, width=390, color_scheme=scheme)
+    page.get_by_label("Model (path or bare name)").fill("no_such_model")
+    page.get_by_role("button", name="Confront").click()
+    told = page.get_by_text("no_such_model").and_(page.locator("[role=alert]")).first
+    told.wait_for()
+    box, below = told.bounding_box(), page.get_by_label("Recordings or static tables").bounding_box()
+    assert box["y"] + box["height"] <= below["y"]
+    assert page.evaluate(POOR_CONTRAST) == []
+    page.get_by_role("tab", name="Design").click()
+    page.get_by_role("button", name="Open").click()
+    page.get_by_role("button", name="Solve with finite elements").click()
+    page.get_by_role("button", name="Cancel").click()
+    notice = page.get_by_text("Cancelled: the process was ended")
+    notice.wait_for()
+    assert 0 < notice.bounding_box()["y"] < 900
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate(POOR_CONTRAST) == []
+    assert page.evaluate("document.body.classList.contains('body--dark')") == (scheme == "dark")
+    page.get_by_role("button", name="Close").click()
+    notice.wait_for(state="detached")
+    page.context.close()
+
+
 def test_two_tabs_do_not_share_their_state(demo: Any, browser: Any, server: Server) -> None:
     other = opened(browser, server)
     assert other.locator("#ladder").count() == 0
@@ -328,6 +397,24 @@ def test_a_sweep_ends_in_its_report(browser: Any, server: Server) -> None:
     page.get_by_role("button", name="Sweep", exact=True).click()
     page.get_by_text("did you mean hinge_thickness").wait_for()
     assert page.outside == []
+    page.context.close()
+
+
+def test_a_sweep_starts_from_the_sliders(browser: Any, server: Server) -> None:
+    """The best case of the study is that of the formulas with the dimension that was moved."""
+    page = with_study(browser, server)
+    move(page, "arm span [mm]")
+    number = page.get_by_label("arm span [mm]").and_(page.locator("input"))
+    playwright.expect(number).not_to_have_value("20", timeout=PATIENCE)
+    span = number.input_value()
+    page.get_by_role("button", name="Sweep", exact=True).click()
+    page.get_by_role("link", name="report.html").wait_for()
+    found = page.get_by_role("row", name=re.compile(r"^0.6 ")).first.inner_text().split()
+    moved = fd.formulas("bridge_amplifier", dimensions={"hinge_thickness": "0.6 mm", "arm_span": f"{span} mm"})
+    assert moved is not None
+    stiffness = moved["K_out_actuator_installed"].value / 1e3
+    assert float(found[1]) == pytest.approx(stiffness, rel=1e-3)  # printed with four digits
+    assert abs(stiffness / 120.0 - 1) > 3e-3  # and not that of the file
     page.context.close()
 
 

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
 from functools import cache
 from typing import Any
@@ -19,6 +20,8 @@ from flexdesign.core.errors import shortened
 LONGEST, HIGHEST = 100, 1000
 #: No number with its unit has more letters.
 LONGEST_NUMBER = 500
+#: The micro of a unit, where it is no part of a word or a name.
+_MICRO = re.compile(r"(?<![\w.-])u(?=(?:m|rad|N|V|F)(?![A-Za-z_]))|(?<=\d )u(?=s(?![A-Za-z_]))")
 #: How each kind of number is shown to people: SI unit -> display unit.
 DISPLAY = {
     "m": "mm",
@@ -209,6 +212,15 @@ def significant(number: float, digits: int = 4) -> str:
     return f"{number:.{digits - 1}e}"
 
 
+def typeset(text: str) -> str:
+    """Write the units in a text with the Greek letter for micro, as pages and drawings have them.
+
+    >>> typeset("1.98 um/V, N/um, um² and 3 urad; 5 us; us, humus and input_of_20_um")
+    '1.98 µm/V, N/µm, µm² and 3 µrad; 5 µs; us, humus and input_of_20_um'
+    """
+    return _MICRO.sub("µ", text)
+
+
 def example(si: str) -> str:
     """Return an example of how a quantity in `si` is written."""
     number = {"kg/m^3": "2700", "Pa": "500"}.get(si, "1.5")
@@ -222,8 +234,6 @@ def _si_of(unit: str) -> str:
 
 
 def _split(text: str) -> tuple[float, str]:
-    import re
-
     if len(text) > LONGEST_NUMBER:
         raise ValueError(f"is no number of at most {LONGEST_NUMBER} letters, with its unit")
     match = re.match(

@@ -8,6 +8,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from flexdesign.core import units
+
 #: A grey that stands out on white and on black alike, for lines. Letters in it are darker on white, lighter on black.
 NEUTRAL = "#8a949e"
 _LETTERS = f"""</style>
@@ -85,7 +87,7 @@ def below(figure: Any, axes: Any, columns: int) -> None:
 
 
 def _as_written(figure: Any) -> None:
-    """Let names with $ in them stand as they are; numbers on axes keep their powers of ten."""
+    """Let names with $ in them stand as they are, and write units as they are set; numbers on axes stay."""
     from matplotlib.text import Text
     from matplotlib.ticker import FixedFormatter, FuncFormatter
 
@@ -96,6 +98,8 @@ def _as_written(figure: Any) -> None:
             numbers |= {*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)}
     for text in figure.findobj(Text):
         text.set_parse_math(text in numbers)
+        if text not in numbers:
+            text.set_text(units.typeset(text.get_text()))
 
 
 def _legible(figure: Any) -> None:
@@ -123,7 +127,7 @@ def svg(figure: Any) -> bytes:
         FigureCanvasSVG(figure)
         layout.execute(figure)
         figure.set_layout_engine("none")
-    sentences = {"Date": None, "Description": in_words(figure)}
+    sentences = {"Date": None, "Description": units.typeset(in_words(figure))}
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
         figure.savefig(stream, format="svg", transparent=True, metadata=sentences)

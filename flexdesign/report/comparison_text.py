@@ -13,6 +13,8 @@ from flexdesign.dynamics.stage_model import ResponseUnits
 UNIFORM = 0.1
 #: The unit of errors below a tenth of another.
 FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
+#: The units of sizes from ten thousand, and from a million of another on.
+COARSER = {"um": ("mm", "m"), "mV": ("V", "V"), "urad": ("mrad", "rad"), "V": ("kV", "kV")}
 
 
 def units_of(response: str) -> tuple[str, str]:
@@ -105,14 +107,16 @@ def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
 def limit(value: float, si: str, size: float | None = None) -> str:
     """Write a limit in a unit that suits it, or that suits another size.
 
-    >>> limit(0.01, "s"), limit(724.08, "Hz"), limit(2e-6, "m", size=1e-4)
-    ('10 ms', '720 Hz', '2 µm')
+    >>> limit(0.01, "s"), limit(724.08, "Hz"), limit(2e-6, "m", size=1e-4), limit(1.173, "rad")
+    ('10 ms', '720 Hz', '2 µm', '1.17 rad')
     """
     size = abs(value) if size is None else size
     if si == "s":
         unit = "s" if size >= 1 else "ms" if size >= 1e-3 else "us"
     else:
         default_unit = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
+        if default_unit in ("um", "urad") and 1e4 <= 1e6 * size < math.inf:
+            default_unit = COARSER[default_unit][size >= 1]
         unit = (si.unit if isinstance(si, ResponseUnits) else "") or default_unit
     number = f"{value / units.factor(unit, si):.{2 if si == 'Hz' else 3}g}"
     return f"{float(number):g} {sign(unit)}"
@@ -134,12 +138,32 @@ def error(response: str, value: float, digits: int = 3) -> str:
     >>> error("m", 1.754e-6), error("m", 46.4e-9, 2), error(ResponseUnits("m", "mm"), 46.4e-6, 2)
     ('1.75 µm', '46 nm', '0.046 mm')
     """
-    small = units_of(response)[1]
-    unit = small
-    if not (isinstance(response, ResponseUnits) and response.unit) and 0 < abs(value) < 0.1 * units.factor(
-        small, response
-    ):
-        unit = FINER[small.removesuffix("/V")] + ("/V" if small.endswith("/V") else "")
+    return _suited(response, value, units_of(response)[1], digits)
+
+
+def span(response: str, value: float, digits: int = 4) -> str:
+    """Write a stroke or a span in the unit that suits it.
+
+    >>> span("rad", 1.173495), span("rad", 0.02), span("m", 262.64e-6), span("V", 9.5)
+    ('1.173 rad', '20.00 mrad', '262.6 µm', '9.500 V')
+    """
+    return _suited(response, value, units_of(response)[0], digits)
+
+
+def _suited(response: str, value: float, usual: str, digits: int) -> str:
+    """Write a size in its usual unit, or in one that has no long number; in the unit of the stage model if it has one.
+
+    >>> _suited("rad", 0.0, "urad", 3), _suited("rad", -0.25, "urad", 3), _suited("rad/V", 2.0, "urad/V", 3)
+    ('0 µrad', '-250 mrad', '2.00 rad/V')
+    """
+    base, per, volt = usual.partition("/")
+    unit, size = base, abs(value) / units.factor(usual, response)
+    if not (isinstance(response, ResponseUnits) and response.unit):
+        if 0 < size < 0.1:
+            unit = FINER.get(base, base)
+        elif 1e4 <= size < math.inf:
+            unit = COARSER[base][size >= 1e6]
+    unit += per + volt
     return units.to_text(value, unit, digits, si=response).replace(unit, sign(unit))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -16,6 +16,7 @@ from urllib.parse import quote
 import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
 
+from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.core.versions import __version__
@@ -53,7 +54,7 @@ def to_html(document: Document, made: Made | None = None) -> str:
     curves = sum(each.curves for each in live)
     points = int(np.clip(CURVES_BYTES / (BYTES * max(curves, 1)), *POINTS))
     return (
-        _environment()
+        _environment(_typeset)
         .get_template("report.html")
         .render(
             document=document,
@@ -154,8 +155,14 @@ def _embedded(figure: Figure) -> str:
     return f"data:{kind};base64,{base64.b64encode(figure.data).decode()}"
 
 
-def _environment() -> Environment:
+def _typeset(value: Any) -> Any:
+    """Write the units of a text with the Greek letter for micro; what is marked as safe stays."""
+    return units.typeset(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
+
+
+def _environment(finalize: Callable[[Any], Any] | None = None) -> Environment:
     return Environment(
+        finalize=finalize,
         loader=PackageLoader("flexdesign.report"),
         autoescape=select_autoescape(["html"]),
         trim_blocks=True,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import units
 from flexdesign.report import packed
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 
@@ -90,10 +91,10 @@ class Traces:
     def payload(self, points: int) -> dict[str, Any]:
         """Return the data of a page, with a limited number of points in a curve."""
         return {
-            "x": self.xlabel,
+            "x": units.typeset(self.xlabel),
             "limits": self.limits,
             "panels": [
-                {"y": ylabel, "groups": [self._group(group, points) for group in _groups(curves)]}
+                {"y": units.typeset(ylabel), "groups": [self._group(group, points) for group in _groups(curves)]}
                 for curves, ylabel in zip(self.rows, self.ylabels, strict=True)
             ],
         }
@@ -104,7 +105,12 @@ class Traces:
         return {
             "x": packed.exact(x[kept]),
             "curves": [
-                {"label": c.label, "colour": self._colour(c), "dashed": c.dashed, "y": packed.rounded(row)}
+                {
+                    "label": units.typeset(c.label),
+                    "colour": self._colour(c),
+                    "dashed": c.dashed,
+                    "y": packed.rounded(row),
+                }
                 for c, row in zip(curves, rows[:, kept], strict=True)
             ],
         }

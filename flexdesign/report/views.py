@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import units
 from flexdesign.report import packed
 
 FloatArray = NDArray[np.float64]
@@ -119,7 +120,7 @@ class View:
             "surfaces": [_surface(surface) for surface, _ in merged],
             "states": [
                 {
-                    "name": state.name,
+                    "name": units.typeset(state.name),
                     "surface": state.surface,
                     "displacement": packed.rounded(1e6 * state.displacement[merged[state.surface][1]]),
                     "enlarged": state.enlarged,
@@ -127,7 +128,7 @@ class View:
                     "label": state.label,
                     "unit": state.unit,
                     "values": None if state.values is None else packed.rounded(state.values[merged[state.surface][1]]),
-                    "full": state.full,
+                    "full": units.typeset(state.full),
                     "limit": state.limit,
                 }
                 for state in self.states

@@ -4,73 +4,108 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import units
+
 if TYPE_CHECKING:
     from flexdesign.api.confrontation import Traces
 
 Array = NDArray[np.float64]
-#: Colours with a contrast of at least 4.5 on white (WCAG AA): measured, modelled; residual within three times the
-#: noise, within ten times, and beyond.
-MEASURED, MODELLED, NOISE, SOME, LARGE = "#1b1b1b", "#0b5fa5", "#5f6368", "#9a5b00", "#b3261e"
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours with a contrast of at least 4.5 on their paper (WCAG AA).
+
+    Parameters
+    ----------
+    paper
+        What they are drawn on, that of style.css.
+    measured, modelled
+        The curves; letters are as the measured one.
+    noise, some, large
+        Residual within three times the noise, within ten times, and beyond.
+    """
+
+    paper: str
+    measured: str
+    modelled: str
+    noise: str
+    some: str
+    large: str
+
+
+LIGHT = Palette("#ffffff", "#1b1b1b", "#0b5fa5", "#5f6368", "#9a5b00", "#b3261e")
+DARK = Palette("#1b2127", "#e8eaed", "#79b8f0", "#9aa0a6", "#e0a33a", "#ff8a80")
+#: Lines that separate, on light and on dark paper alike.
+LINE = "#8a949e55"
 #: Samples of a trace that a screen can show: of longer ones each stretch keeps its ends.
 POINTS = 1200
 
 
-def trace_options(traces: Traces) -> dict[str, Any]:
+def trace_options(traces: Traces, palette: Palette = LIGHT) -> dict[str, Any]:
     """Return the chart of one run: motion above, residual below, painted where it is large."""
     grid = [
         {"left": 70, "right": 16, "top": 34, "height": "46%"},
         {"left": 70, "right": 16, "top": "64%", "height": "20%"},
     ]
-    name = {"nameLocation": "middle", "nameGap": 48, "nameTextStyle": {"color": MEASURED}}
+    name = {"nameLocation": "middle", "nameGap": 48, "nameTextStyle": {"color": palette.measured}}
+    shown = {"color": palette.measured}
+    axis = {"axisLabel": shown, "axisLine": {"lineStyle": shown}, "splitLine": {"lineStyle": {"color": LINE}}}
     floor = traces.floor
     return {
         "animation": False,
         "aria": {"enabled": True, "label": {"description": spoken(traces)}},
-        "legend": {"top": 0, "data": ["measured", "modelled", "residual"]},
-        "tooltip": {"trigger": "axis", "axisPointer": {"type": "line"}},
+        "darkMode": palette is DARK,
+        "legend": {"top": 0, "data": ["measured", "modelled", "residual"], "textStyle": shown},
+        "tooltip": {
+            "trigger": "axis", "axisPointer": {"type": "line"}, "backgroundColor": palette.paper, "textStyle": shown,
+        },
         "axisPointer": {"link": [{"xAxisIndex": "all"}]},
         "grid": grid,
         "xAxis": [
-            {"type": "value", "gridIndex": 0, "axisLabel": {"show": False}, "min": "dataMin", "max": "dataMax"},
+            {**axis, "type": "value", "gridIndex": 0, "axisLabel": {"show": False}, "min": "dataMin", "max": "dataMax"},
             {
-                "type": "value", "gridIndex": 1, "name": "time [s]", "nameLocation": "middle", "nameGap": 22,
-                "min": "dataMin", "max": "dataMax", "nameTextStyle": {"color": MEASURED},
+                **axis, "type": "value", "gridIndex": 1, "name": "time [s]", "nameLocation": "middle", "nameGap": 22,
+                "min": "dataMin", "max": "dataMax", "nameTextStyle": shown,
             },
         ],
         "yAxis": [
-            {"type": "value", "gridIndex": 0, "name": f"motion [{traces.unit}]", "scale": True, **name},
-            {"type": "value", "gridIndex": 1, "name": f"residual [{traces.fine}]", "splitNumber": 3, **name},
+            {**axis, "type": "value", "gridIndex": 0, "name": f"motion [{traces.unit}]", "scale": True, **name},
+            {**axis, "type": "value", "gridIndex": 1, "name": f"residual [{traces.fine}]", "splitNumber": 3, **name},
         ],
         "dataZoom": [
             {"type": "inside", "xAxisIndex": [0, 1]},
-            {"type": "slider", "xAxisIndex": [0, 1], "height": 18, "bottom": 4},
+            {"type": "slider", "xAxisIndex": [0, 1], "height": 18, "bottom": 4, "textStyle": shown},
         ],
         "visualMap": {
             "show": False, "seriesIndex": 2, "dimension": 1, "type": "piecewise",
             "pieces": [
-                {"lt": -10 * floor, "color": LARGE},
-                {"gte": -10 * floor, "lt": -3 * floor, "color": SOME},
-                {"gte": -3 * floor, "lte": 3 * floor, "color": NOISE},
-                {"gt": 3 * floor, "lte": 10 * floor, "color": SOME},
-                {"gt": 10 * floor, "color": LARGE},
+                {"lt": -10 * floor, "color": palette.large},
+                {"gte": -10 * floor, "lt": -3 * floor, "color": palette.some},
+                {"gte": -3 * floor, "lte": 3 * floor, "color": palette.noise},
+                {"gt": 3 * floor, "lte": 10 * floor, "color": palette.some},
+                {"gt": 10 * floor, "color": palette.large},
             ],
         },
-        "series": trace_series(traces),
+        "series": trace_series(traces, palette),
     }  # fmt: skip
 
 
-def trace_series(traces: Traces, names: Sequence[str] = ("measured", "modelled", "residual")) -> list[dict[str, Any]]:
+def trace_series(
+    traces: Traces, palette: Palette = LIGHT, names: Sequence[str] = ("measured", "modelled", "residual")
+) -> list[dict[str, Any]]:
     """Return curves of that chart by name; given to it again, they replace those that it has."""
     common = {"type": "line", "showSymbol": False, "connectNulls": False}
     lines: list[tuple[str, Any, int, dict[str, Any]]] = [
-        ("measured", traces.measured, 0, {"color": MEASURED, "width": 1.5}),
-        ("modelled", traces.modelled, 0, {"color": MODELLED, "width": 1.5, "type": "dashed"}),
+        ("measured", traces.measured, 0, {"color": palette.measured, "width": 1.5}),
+        ("modelled", traces.modelled, 0, {"color": palette.modelled, "width": 1.5, "type": "dashed"}),
         ("residual", traces.residual, 1, {"width": 1.2}),
     ]
     return [
@@ -81,7 +116,7 @@ def trace_series(traces: Traces, names: Sequence[str] = ("measured", "modelled",
             "xAxisIndex": place,
             "yAxisIndex": place,
             "lineStyle": style,
-            "itemStyle": {"color": style.get("color", LARGE)},
+            "itemStyle": {"color": style.get("color", palette.large)},
             "data": _points(traces.time, values),
         }
         for name, values, place, style in lines
@@ -121,10 +156,14 @@ def _rounded(values: Array, digits: int) -> Array:
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
     """Return a table as HTML."""
-    heads = "".join(f'<th scope="col">{escape(str(head))}</th>' for head in columns)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in rows)
-    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    heads = "".join(f'<th scope="col">{_set(head)}</th>' for head in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{_set(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    title = f"<caption>{_set(caption)}</caption>" if caption else ""
     return f'<table class="fd-table">{title}<thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>'
+
+
+def _set(text: object) -> str:
+    return escape(units.typeset(str(text)))
 
 
 def ladder(steps: Sequence[tuple[str, str, float]]) -> str:
@@ -134,7 +173,7 @@ def ladder(steps: Sequence[tuple[str, str, float]]) -> str:
         width = 5 + 95 * min(max(np.log10(max(ratio, 1.0)) / 3, 0.0), 1.0)
         bar = f'<span class="fd-bar" style="width:{width:.0f}%" aria-hidden="true"></span>'
         rows.append(
-            f'<tr><th scope="row">{escape(name)}</th><td>{escape(error)}</td>'
+            f'<tr><th scope="row">{_set(name)}</th><td>{_set(error)}</td>'
             f"<td>{ratio:.3g} × floor</td><td class='fd-bars'>{bar}</td></tr>"
         )
     heads = (

@@ -13,6 +13,7 @@ from typing import Any
 from nicegui import app, events, run, ui
 
 import flexdesign as fd
+from flexdesign.core import units
 from flexdesign.workbench import charts
 from flexdesign.workbench.work import Work
 
@@ -42,14 +43,17 @@ class Client:
         self.address = f"/files/{secrets.token_urlsafe(16)}"
         app.add_static_files(self.address, self.folder)
         self._remembered: dict[str, str] = {}
+        self._lasts = False
+        self.palette, self.on_scheme = charts.LIGHT, list[Callable[[], None]]()
 
     def build(self) -> None:
         """Lay out the line that says what is going on, and the place of notices."""
-        self.notices = ui.column().classes("w-full").props("aria-live=assertive").mark("notices")
-        with ui.row().classes("fd-status items-center no-wrap").props("role=status") as line:
-            ui.icon("hourglass_top").props("aria-hidden=true")  # one that turns would cost what the work needs
-            message = ui.label("").mark("progress")
-            ui.button("Cancel", on_click=self.work.cancel).props("no-caps outline dense")
+        with ui.element("div").classes("fd-foot"):
+            self.notices = ui.element("div").props("aria-live=assertive").mark("notices")
+            with ui.row().classes("fd-status items-center no-wrap").props("role=status") as line:
+                ui.icon("hourglass_top").props("aria-hidden=true")  # one that turns would cost what the work needs
+                message = ui.label("").classes("grow").mark("progress")
+                ui.button("Cancel", on_click=self.work.cancel).props("no-caps outline dense padding='4px 12px'")
         line.set_visibility(False)
 
         def look() -> None:
@@ -58,17 +62,30 @@ class Client:
 
         ui.timer(LOOK, look)
 
+    def choose_scheme(self, *, dark: bool) -> None:
+        """Take the scheme that the reader's system prefers; what draws its own colours draws anew."""
+        palette = charts.DARK if dark else charts.LIGHT
+        if palette is not self.palette:
+            self.palette = palette
+            for draw in self.on_scheme:
+                draw()
+
     def end(self) -> None:
         """End the work and remove the files of a client that is gone."""
         self.work.cancel()
         app.remove_route(self.address)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def notice(self, text: str) -> None:
-        """Show a notice in the place of the one before."""
+    def notice(self, text: str, *, lasting: bool = False) -> None:
+        """Show a notice in the place of the one before, until it is closed; one that is not lasting, until work begins.
+
+        It stands at the foot of the window, where the button was that it answers, however far the page was scrolled.
+        """
+        self._lasts = lasting
         self.notices.clear()
-        with self.notices:
-            ui.label(text).classes("fd-notice").props("role=alert")
+        with self.notices, ui.row().classes("fd-notice items-center no-wrap"):
+            ui.label(text).classes("grow").props("role=alert")
+            ui.button("Close", on_click=self.notices.clear).props("no-caps flat dense text-color=inherit")
 
     def remember(self, **state: str) -> None:
         """Write the inputs into the address of the page, which then opens as it is now."""
@@ -86,6 +103,8 @@ class Client:
     async def is_free(self) -> bool:
         """Tell whether something may begin; say so if not."""
         if await self.work.is_free():
+            if not self._lasts:
+                self.notices.clear()
             return True
         self.notice("Something is being done; cancel it first, or wait.")
         return False
@@ -109,7 +128,7 @@ class Client:
         """Show what a process found: its sentences, its table, its files."""
         ui.label(found["title"]).classes("text-subtitle1")
         for text in found["summary"]:
-            ui.label(text)
+            ui.label(units.typeset(text))
         ui.html(charts.table(found["columns"], found["rows"]), sanitize=False).classes("w-full fd-scroll")
         self.links(folder)
 
@@ -145,6 +164,7 @@ class Client:
                 if check is not None:
                     await run.io_bound(check, path)
             except fd.InputError as error:
+                field.reset()  # its tick would say that the file is taken
                 field_error(problem, str(error).replace(f"{folder}/", ""))
                 return
             if (going := came(path)) is not None:

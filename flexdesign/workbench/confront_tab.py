@@ -12,6 +12,7 @@ from nicegui import run, ui
 
 import flexdesign as fd
 from flexdesign.api.static_tables import is_design
+from flexdesign.core import units
 from flexdesign.workbench import charts
 from flexdesign.workbench.client import Client, field_error
 from flexdesign.workbench.effect_list import EffectList
@@ -52,6 +53,7 @@ class ConfrontTab:
         self.run = ""
         self._asked: dict[str, float] | None = None
         self._simulating, self._slides = False, 0
+        client.on_scheme.append(partial(self._show_curves, whole=True))
 
     # --- the page -------------------------------------------------------------------------------------------------
 
@@ -214,7 +216,7 @@ class ConfrontTab:
         self.sentences.clear()
         with self.sentences:
             for text in self.session.where(self.shown) if self.session and self.shown else []:
-                ui.label(text)
+                ui.label(units.typeset(text))
 
     def _show_curves(self, whole: bool = False) -> None:
         if self.session is None or self.shown is None:
@@ -225,10 +227,10 @@ class ConfrontTab:
         traces = self.session.traces(self.shown, self.run)
         if whole:
             self.chart.options.clear()
-            self.chart.options.update(charts.trace_options(traces))
+            self.chart.options.update(charts.trace_options(traces, self.client.palette))
             self.chart.update()
         else:
-            moved = charts.trace_series(traces, ("modelled", "residual"))
+            moved = charts.trace_series(traces, self.client.palette, ("modelled", "residual"))
             self.chart.run_chart_method("setOption", {"series": moved})
 
     def _choose_run(self, event: Any) -> None:
@@ -248,7 +250,7 @@ class ConfrontTab:
         parameter, factor = setting.parameter, setting.parameter.factor
         low, high, value = setting.low / factor, setting.high / factor, setting.value / factor
         name = parameter.name.replace("_", " ").replace(".", ": ")
-        label = f"{name} [{parameter.unit}]" if parameter.unit else name
+        label = units.typeset(f"{name} [{parameter.unit}]") if parameter.unit else name
         with ui.element("div").classes("fd-number"):
             ui.label(label).tooltip(parameter.meaning)
             slider = ui.slider(min=low, max=high, step=(high - low) / STEPS, value=value)

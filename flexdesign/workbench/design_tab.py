@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import run, ui
 
 import flexdesign as fd
+from flexdesign.core import units
 from flexdesign.workbench import charts
 from flexdesign.workbench.client import Client, field_error
 from flexdesign.workbench.work import Cancelled
@@ -103,7 +105,7 @@ class DesignTab:
                 with ui.column().classes("w-full gap-1"):
                     for parameter in self.design.part_class.dimensions:
                         self._dimension(parameter, self.design.dimensions[parameter.name])
-                with ui.column().classes("w-full"):
+                with ui.column().classes("w-full fd-answer"):
                     ui.label("Compliance model").classes("text-subtitle1").props("role=heading aria-level=3")
                     self.formulas = ui.html("", sanitize=False).classes("w-full fd-scroll").mark("formulas")
             self._buttons()
@@ -114,13 +116,14 @@ class DesignTab:
         factor = parameter.factor
         low = max(parameter.plausible[0], value * (1 - REACH)) / factor
         high = (min(parameter.plausible[1], value * (1 + REACH)) if value else parameter.plausible[1]) / factor
-        label = f"{parameter.name.replace('_', ' ')} [{unit}]" if unit else parameter.name.replace("_", " ")
+        name, shown = parameter.name.replace("_", " "), units.typeset(unit)
+        label = f"{name} [{shown}]" if unit else name
         with ui.element("div").classes("fd-number"):
             ui.label(label).tooltip(parameter.meaning)
             slider = ui.slider(min=min(low, high), max=high, step=(high - low) / STEPS, value=value / factor)
             slider.props(f'aria-label="{label}"').mark(f"slider-{parameter.name}")
             number = ui.number(value=float(f"{value / factor:.6g}"), format="%.4g")
-            number.props(f'dense outlined suffix="{unit}" aria-label="{label}"')
+            number.props(f'dense outlined suffix="{shown}" aria-label="{label}"')
             slider.on("update:model-value", partial(self._slid, parameter, number), throttle=0.03)
             number.on("change", partial(self._typed, parameter, number, slider))
 
@@ -129,6 +132,9 @@ class DesignTab:
             ui.button("Solve with finite elements", on_click=self._solve).props("no-caps")
         self.solved = ui.column().classes("w-full").props("aria-live=polite")
         with ui.expansion("Sweep and optimise").classes("w-full"):
+            ui.label(
+                "Dimensions that the study does not vary are as the sliders show them, if it is a study of this design."
+            ).classes("text-caption")
             self.study = ui.textarea("Study", value=self._starting_study()).classes("w-full font-mono")
             self.study.props('outlined rows="12"')  # where it is folded away it would not grow with its text
             with ui.row():
@@ -149,6 +155,14 @@ class DesignTab:
             title=design.title, file=design.file.resolve(), dimension=parameter.name, unit=parameter.unit,
             low=f"{0.8 * value:.4g}", high=f"{1.2 * value:.4g}", aim="K_out_actuator_installed",
         )  # fmt: skip
+
+    def _is_of_this_design(self, study: str) -> bool:
+        """Tell whether a study names the design that is open; one that cannot be read is refused later, in words."""
+        try:
+            named = tomllib.loads(study).get("design")
+        except tomllib.TOMLDecodeError:
+            return False
+        return self.design is not None and named in (str(self.design.file.resolve()), str(self.name.value))
 
     # --- what is done ---------------------------------------------------------------------------------------------
 
@@ -213,5 +227,7 @@ class DesignTab:
         folder = self.client.new_folder("study")
         file = folder / "study.toml"
         file.write_text(str(self.study.value), encoding="utf-8")
-        options = {"store": str(folder / "answers")} if verb == "sweep" else {}
+        options: dict[str, Any] = {"store": str(folder / "answers")} if verb == "sweep" else {}
+        if self.changed and self._is_of_this_design(str(self.study.value)):
+            options["dimensions"] = self.changed
         await self._in_process(verb, str(file), options, self.studied)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 import flexdesign as fd
+from flexdesign.core import units
 from flexdesign.workbench import charts
 from flexdesign.workbench.client import Client, field_error
 from flexdesign.workbench.work import Cancelled
@@ -99,11 +100,11 @@ class LoopAndPlan:
             return
         with self.looped:
             for text in found.document.summary:
-                ui.label(text)
+                ui.label(units.typeset(text))
             ui.html(charts.table(found.table.columns, found.table.rows, found.table.caption), sanitize=False).classes(
                 "fd-scroll"
             )
             for figure in found.document.figures:
                 ui.html(figure.data.decode(), sanitize=False).classes("w-full fd-svg")
-                ui.label(figure.caption).classes("text-caption")
+                ui.label(units.typeset(figure.caption)).classes("text-caption")
         await self.resume()

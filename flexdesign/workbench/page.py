@@ -19,11 +19,13 @@ from flexdesign.workbench.design_tab import DesignTab
 SERVER = secrets.token_hex(8)
 #: Seconds for which the server keeps the state of a tab that has lost its connection.
 RECONNECT = 20.0
-#: What a page asks and states as it opens: which server it used before.
+#: What a page asks and states as it opens: which server it used before, and which scheme its reader prefers.
 WHICH = """
+const dark = matchMedia('(prefers-color-scheme: dark)');
+dark.addEventListener('change', () => emitEvent('scheme', dark.matches));
 const before = sessionStorage.getItem('flexdesign-server');
 sessionStorage.setItem('flexdesign-server', %s);
-return before;
+return [before, dark.matches];
 """
 
 
@@ -38,6 +40,8 @@ async def page(model: str = "", runs: str = "", effects: str = "") -> None:
     client = Client()
     ui.context.client.on_delete(client.end)
     ui.colors(primary="#0b5fa5", secondary="#37474f", accent="#0b5fa5", negative="#b3261e")
+    ui.dark_mode(None)  # as the reader's system has it
+    ui.on("scheme", lambda event: client.choose_scheme(dark=bool(event.args)))
     ui.add_css(Path(__file__).with_name("style.css"))
     ui.page_title("flexdesign workbench")
     with ui.header().classes("items-center"):
@@ -55,11 +59,14 @@ async def page(model: str = "", runs: str = "", effects: str = "") -> None:
     confront.model.value, confront.runs.value = model, runs
     await ui.context.client.connected(timeout=30.0)
     try:
-        before = await ui.run_javascript(WHICH % json.dumps(SERVER), timeout=10.0)
+        before, is_dark = await ui.run_javascript(WHICH % json.dumps(SERVER), timeout=10.0)
     except TimeoutError:  # the tab was closed, or left for another page
         return
+    client.choose_scheme(dark=is_dark)
     if before not in (None, SERVER):
-        client.notice("The server was restarted: work that was going on has ended. The inputs are loaded anew.")
+        client.notice(
+            "The server was restarted: work that was going on has ended. The inputs are loaded anew.", lasting=True
+        )
     if model and runs:
         await asyncio.sleep(0)
         await confront.load([each for each in effects.split(",") if each])

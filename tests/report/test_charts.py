@@ -38,6 +38,6 @@ def test_a_ladder_is_shown_whole_on_a_narrow_window() -> None:
     assert not charts.is_narrow(charts.shares({"K_in": {"hinges": 60.0, "arms": 40.0}}, "share [%]"))
 
 
-@pytest.mark.parametrize("words", ["rms error [um]", "noise floor, 20 nm at 0.02", "as designed, + creep"])
+@pytest.mark.parametrize("words", ["rms error [µm]", "noise floor, 20 nm at 0.02", "as designed, + creep"])
 def test_a_ladder_says_what_it_shows(words: str) -> None:
     assert words in charts.description(LADDER)

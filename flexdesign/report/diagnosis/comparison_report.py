@@ -48,8 +48,7 @@ def errors(found: Comparison) -> Table:
         for run in found.runs
     ]
     heads = ["run", "role", "rms error", "largest", "of stroke", "R²", "noise floor", "rms / floor"]
-    large = units_of(found.response)[0]
-    stroke = units.to_text(found.runs[0].stroke, large, 3, si=found.response).replace(large, words.sign(large))
+    stroke = words.span(found.response, found.runs[0].stroke, 3)
     if not found.noise.known:  # a guess would be taken for a fact
         heads, rows = heads[:6], [row[:6] for row in rows]
     offset_note = "the offset of each run taken out"

@@ -13,6 +13,7 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.comparison import RunComparison
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.estimation import Estimate
+from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import units_of
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.traces import Curve, Traces
@@ -40,14 +41,13 @@ def estimates(found: Identification) -> Table:
 
 def matches(found: Identification) -> Table:
     """Return the residual of every run, before and after."""
-    unit = units_of(found.response)[1]
     rows = [
         [
             run.name,
             run.role,
-            units.to_text(run.stroke, units_of(found.response)[0], si=found.response),
-            units.to_text(found.before_errors[run.name], unit, 3, si=found.response),
-            units.to_text(run.rms, unit, 3, si=found.response),
+            words.span(found.response, run.stroke),
+            words.error(found.response, found.before_errors[run.name]),
+            words.error(found.response, run.rms),
             f"{100 * run.of_stroke:.3g} %" if math.isfinite(run.of_stroke) else "–",
         ]
         for run in found.runs
@@ -130,8 +130,7 @@ def summary(found: Identification) -> list[str]:
 def _compare_with_noise(found: Identification) -> str:
     """Compare the residual with the noise, and say what follows."""
     rms = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
-    unit = units_of(found.response)[1]
-    level = units.to_text(float(np.sqrt(np.mean(np.square(rms)))), unit, 3, si=found.response)
+    level = words.error(found.response, float(np.sqrt(np.mean(np.square(rms)))))
     if not found.noise.known:
         return (
             "The noise of these runs is unknown, so that the residual does not show whether the model lacks physics: "
@@ -198,7 +197,7 @@ def _figures(found: Identification, run: RunComparison) -> list[Figure]:
     over_time = Traces(
         [signal, [Curve("residual, measured less predicted", t, left)]],
         "time [s]",
-        [f"{found.axis} [{_sign(large)}]", f"residual [{_sign(small)}]"],
+        [f"{found.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"],
     )
     file = f"{run.name}.svg"
     caption = f"{run.name} ({run.role}): measured, predicted, and the residual"
@@ -209,7 +208,7 @@ def _figures(found: Identification, run: RunComparison) -> list[Figure]:
             Curve("measured", command, measured),
             Curve("predicted", command, run.predicted[compared] / scale, dashed=True),
         ]
-        drawing = Traces([loop], "command [V]", [f"{found.axis} [{_sign(large)}]"], height=3.4)
+        drawing = Traces([loop], "command [V]", [f"{found.axis} [{words.sign(large)}]"], height=3.4)
         made.append(Figure.of_traces(f"loop_{file}", drawing, f"{run.name}: response over command"))
     return made
 
@@ -260,8 +259,8 @@ def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
 
 
 def _range(found: Identification, runs: list[RunComparison]) -> str:
-    errors, unit = sorted(run.rms for run in runs), units_of(found.response)[1]
-    low, high = (units.to_text(error, unit, 3, si=found.response) for error in (errors[0], errors[-1]))
+    errors = sorted(run.rms for run in runs)
+    low, high = (words.error(found.response, error) for error in (errors[0], errors[-1]))
     shares = sorted(100 * run.of_stroke for run in runs if math.isfinite(run.of_stroke))
     if not shares:
         return f"{low} rms"
@@ -272,7 +271,3 @@ def _range(found: Identification, runs: list[RunComparison]) -> str:
 
 def _listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _sign(unit: str) -> str:
-    return unit.replace("u", "µ", 1) if unit.startswith("u") else unit

@@ -176,7 +176,7 @@ def _deformed(
         f"deformation_{axis}.png",
         [scale * each for each in motions],
         [1e6 * size for size in sizes],
-        "displacement [um]",
+        "displacement [µm]",
         notes=[f"{axis.upper()} driven, inputs parted by {parted}", f"displacements drawn {scale:g} times as large"],
     )
     caption = (

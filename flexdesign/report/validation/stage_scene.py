@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import units
 from flexdesign.report import views
 from flexdesign.report.pictures import BAR, NOTE, apart
 
@@ -138,7 +139,7 @@ def _drawn(skins: Sequence[Skin], edges: Sequence[IntArray], scene: Scene, pv: A
             named, bcolor=None, face="rectangle", size=(0.16, 0.03 * len(named)), loc="lower right", border=False
         )
     for row, note in enumerate(scene.notes):
-        plotter.add_text(note, position=(28, scene.size[1] - 60 - 50 * row), font_size=NOTE, color=INK)
+        plotter.add_text(units.typeset(note), position=(28, scene.size[1] - 60 - 50 * row), font_size=NOTE, color=INK)
     _aim(plotter, np.vstack([skin.points for skin in skins]) * 1e3, scene)
     plotter.add_axes(color=INK, line_width=3, viewport=(0.0, 0.0, 0.12, 0.18))
     image = np.asarray(plotter.screenshot(return_img=True))

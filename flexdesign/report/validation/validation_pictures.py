@@ -75,7 +75,7 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
         ),
         (
             Picture(
-                "deformation.png", points, tets, scale * motion, travel * 1e6, "displacement [um]",
+                "deformation.png", points, tets, scale * motion, travel * 1e6, "displacement [µm]",
                 limits=(0.0, 1e6 * float(travel.max())), notes=[f"displacements drawn {scale:g} times as large"],
             ),
             f"Deformation at {boundary}, with the undeformed outline",
@@ -112,7 +112,7 @@ def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
         ),
         (
             Picture(
-                "deformation.png", points, tets, scale * whole["motion"], travel * 1e6, "displacement [um]",
+                "deformation.png", points, tets, scale * whole["motion"], travel * 1e6, "displacement [µm]",
                 limits=(0.0, 1e6 * float(travel.max())), view="oblique",
                 notes=[f"displacements drawn {scale:g} times as large"],
             ),
