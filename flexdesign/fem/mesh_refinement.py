@@ -232,7 +232,7 @@ def make_mesh(
         return tagged, _check_mesh(method, tagged, body, hinges)
     method.require_room(coarseness)
     for left in reversed(range(method.tries)):
-        progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
+        progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.mesher})")
         try:
             tagged = method.mesh(coarseness)
             checks = _check_mesh(method, tagged, body, hinges)

@@ -65,7 +65,7 @@ class Picture:
     focus
         Centre and half-height of the view, [m]; None for the whole part.
     view
-        From the front, or obliquely.
+        From the front, obliquely, or from this direction.
     notes
         What is written into the picture.
     mark
@@ -83,7 +83,7 @@ class Picture:
     limits: tuple[float, float] | None = None
     edges: bool = False
     focus: tuple[tuple[float, float, float], float] | None = None
-    view: Literal["front", "oblique"] = "front"
+    view: Literal["front", "oblique"] | tuple[float, float, float] = "front"
     notes: Sequence[str] = field(default_factory=tuple)
     mark: tuple[tuple[float, float, float], str] | None = None
     labels: Sequence[tuple[tuple[float, float, float], str]] = ()
@@ -238,8 +238,9 @@ def _draw(picture: Picture, pv: Any) -> bytes:
         plotter.add_mesh(outline, color="#8a949e", line_width=1.5)
     elif not picture.edges:
         plotter.add_mesh(outline, color=_INK, line_width=1.5)
-    direction = np.array([0.0, 0.0, 1.0]) if picture.view == "front" else np.array([0.45, 0.55, 1.0])
-    _aim(plotter, grid, direction, _SIZE, picture.focus)
+    directions = {"front": (0.0, 0.0, 1.0), "oblique": (0.45, 0.55, 1.0)}
+    direction = directions[picture.view] if isinstance(picture.view, str) else picture.view
+    _aim(plotter, grid, np.array(direction), _SIZE, picture.focus)
     if picture.scalars is not None:  # above the scalar bar
         plotter.camera.focal_point -= np.array([0.0, LOWERED * plotter.camera.parallel_scale, 0.0])
         plotter.camera.position -= np.array([0.0, LOWERED * plotter.camera.parallel_scale, 0.0])
@@ -278,7 +279,8 @@ def _aim(
 ) -> None:
     """Look along a direction, at the whole part or at a focus, with parallel rays."""
     toward = direction / np.linalg.norm(direction)
-    right = np.cross([0.0, 1.0, 0.0], toward)
+    upright = np.array([0.0, 1.0, 0.0]) if abs(toward[1]) < 0.9 else np.array([0.0, 0.0, -1.0])
+    right = np.cross(upright, toward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(toward, right)])  # across and up, as the camera sees it
     seen = axes @ grid.points.T
@@ -290,7 +292,7 @@ def _aim(
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = centre
     plotter.camera.position = centre + toward * 1000
-    plotter.camera.up = (0.0, 1.0, 0.0)
+    plotter.camera.up = upright
     plotter.camera.parallel_scale = half
     plotter.reset_camera_clipping_range()
 

@@ -161,6 +161,11 @@ class LocalThickness:
     scatter: ClassVar[MeshNoise] = convergence.MESH_NOISE
 
     @property
+    def mesher(self) -> str:
+        """The program that makes the mesh."""
+        return "Netgen" if self.conforming else "pytetwild"
+
+    @property
     def tries(self) -> int:
         """How often a mesh that cannot be used is made again: Netgen would make the same."""
         return 1 if self.conforming else 2

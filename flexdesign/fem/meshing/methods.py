@@ -72,6 +72,10 @@ class Method(Protocol):
     """Of results over meshes made alike."""
 
     @property
+    def mesher(self) -> str:
+        """What makes the mesh, in words."""
+
+    @property
     def tries(self) -> int:
         """How often a mesh that cannot be used is made again: more than once where no two are alike."""
 
@@ -177,6 +181,7 @@ class Unstructured:
     name: ClassVar[str] = "wild"
     #: Along a root there are many elements, of which no two are alike: what they leave open is their mean.
     scatter: ClassVar[MeshNoise] = convergence.MESH_NOISE
+    mesher: ClassVar[str] = "pytetwild"
     #: Of coarse meshes of a whole amplifier one in sixteen was refused.
     tries: ClassVar[int] = 3
 
@@ -232,6 +237,7 @@ class Extruded:
     #: Of K_in over gradings that differ by up to 3 %, found as 1e-4 on fine and 1e-3 on coarse meshes of few layers;
     #: all layers repeat the same triangles about a root. The share is measured: `studies.error_bars`.
     scatter: ClassVar[MeshNoise] = MeshNoise(2e-4, 0.25)
+    mesher: ClassVar[str] = "extruded in layers"
     tries: ClassVar[int] = 1
 
     def question(self, coarseness: float) -> tuple[object, ...]:

@@ -13,6 +13,7 @@ from flexdesign.core.model import Member
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.meshing.thin_regions import ThinRegions
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
 from flexdesign.report.pictures import Picture, Reel, Shot
@@ -20,6 +21,7 @@ from flexdesign.report.validation import part_view, vibrations
 from flexdesign.workflows.validation import Validation
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 #: Number of the lowest modes drawn.
 DRAWN_MODES = 6
@@ -132,12 +134,27 @@ def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
             )
         )  # fmt: skip
     if validation.domain.thin is not None and validation.domain.thin.hinges:
-        hinge = validation.domain.thin.hinges[0]
-        place = Picture(
-            "mesh_hinge.png", vertices, linear, edges=True, focus=(hinge.centre, 4 * max(hinge.length, hinge.thickness))
-        )
-        jobs.insert(1, (place, f"The mesh at {hinge.name}, seen from the front"))
+        jobs.insert(1, _cut_hinge(validation.domain.thin, vertices, linear))
     return jobs
+
+
+def _cut_hinge(thin: ThinRegions, points: FloatArray, cells: IntArray) -> tuple[Picture, str]:
+    """Return the mesh at the thinnest hinge found on a solid, cut through the middle of its width.
+
+    The half of the solid in front of the cut is left out, as other parts of it may stand before the hinge.
+    """
+    index = int(np.argmin([hinge.thickness for hinge in thin.hinges]))
+    hinge, inward = thin.hinges[index], thin.inward[thin.chosen[index]]
+    centre, across = np.array(hinge.centre), np.linalg.eigh(inward.T @ inward)[1][:, -1]
+    toward = np.cross(hinge.axis, across)
+    toward = toward if toward @ (0.45, 0.55, 1.0) >= 0 else -toward
+    behind = (points[cells].mean(axis=1) - centre) @ toward <= 0
+    x, y, z = map(float, toward)
+    view = Picture(
+        "mesh_hinge.png", points, cells[behind], edges=True, view=(x, y, z),
+        focus=(hinge.centre, 4 * max(hinge.length, hinge.thickness)),
+    )  # fmt: skip
+    return view, f"The mesh at {hinge.name}, cut through the middle of its width"
 
 
 def hinge_maximum(solution: Solution) -> tuple[tuple[float, float, float], float, Member]:
