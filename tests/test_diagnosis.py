@@ -394,6 +394,10 @@ def test_words_say_what_remains_and_what_it_looks_like() -> None:
     assert judged(about, one, one, left).remainder.startswith("3 times the noise remains")
     assert judged(about, one, one, left).remainder.endswith("explain most: b, c, a")
     assert "no smooth function" in judged(about, one, one).remainder
+    assert "whitened" not in judged(about, one, one).remainder
+    coloured = Coloured(Process(np.array([-0.9]), NOISE))
+    correlated = replace(about, noise=replace(about.noise, whitening=coloured))
+    assert "times the noise remains (whitened: " in judged(correlated, one, one, left).remainder
 
 
 def test_a_ladder_and_shares_are_those_of_the_stands() -> None:

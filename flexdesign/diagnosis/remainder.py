@@ -116,6 +116,8 @@ def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> boo
 def in_words(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
     """Return how much a model leaves, and which smooth functions explain most of it."""
     share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise remains"
+    if any(data.noise.whitening.process(run.name).order for run in data.runs):
+        share += " (whitened: of each sample counts what those before it do not predict; the errors stated are raw)"
     if not data.noise.known:
         share = "the residual remains"
     if final.jumps >= JUMPS:

@@ -81,8 +81,24 @@ def diagnosed(recording: Recording, folder: Path) -> Diagnosis:
         return diagnose(model, recordings.read_recordings([folder]), axis=recording.axis or None)
 
 
+def write(rows: Sequence[tuple[str, ...]], out: Path) -> None:
+    """Write the table of what is diagnosed so far, as Markdown and as JSON."""
+    out.mkdir(parents=True, exist_ok=True)
+    made = ", ".join(f"{name} {version}" for name, version in versions.installed().items())
+    lines = [
+        "# Recordings of others",
+        "",
+        f"Made by `python -m studies.real_recordings FOLDER` ({made}).",
+        "",
+        *(f"| {' | '.join(cells)} |" for cells in (HEADS, ["---"] * len(HEADS), *rows)),
+    ]
+    result: dict[str, Any] = {"rows": [dict(zip(HEADS, cells, strict=True)) for cells in rows]}
+    (out / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (out / "result.json").write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Diagnose what is there, print the table, and write it."""
+    """Diagnose what is there; print and write the table, row by row."""
     parser = argparse.ArgumentParser(prog="python -m studies.real_recordings", description="Recordings of others")
     parser.add_argument("folder", type=Path, help="folder that holds the folders of recordings")
     parser.add_argument("--out", type=Path, default=Path("reports/real_recordings"), help="folder of the table")
@@ -97,16 +113,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = diagnosed(recording, folder)
         rows.append(row(recording.title, found, process_time() - began))
         print("  ".join(rows[-1]), flush=True)
+        write(rows, given.out)  # an interruption loses nothing
     if not rows:
         print(f"error: {given.folder} holds none of {', '.join(r.folder for r in RECORDINGS)}", file=sys.stderr)
         return 2
-    lines = [f"| {' | '.join(cells)} |" for cells in (HEADS, ["---"] * len(HEADS), *rows)]
-    result: dict[str, Any] = {"rows": [dict(zip(HEADS, cells, strict=True)) for cells in rows]}
-    given.out.mkdir(parents=True, exist_ok=True)
-    made = ", ".join(f"{name} {version}" for name, version in versions.installed().items())
-    title = f"# Recordings of others\n\nMade by `python -m studies.real_recordings FOLDER` ({made}).\n\n"
-    (given.out / "report.md").write_text(title + "\n".join(lines) + "\n", encoding="utf-8")
-    (given.out / "result.json").write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return 0
 
 
