@@ -88,7 +88,7 @@ def test_nothing_is_cut_off_on_a_narrow_terminal(wraps: bool, monkeypatch: pytes
     table = Table(heads, [["a_very_long_name_of_a_quantity_of_a_stage", *(["12345.678 ± 0.123"] * 7)]])
     console = Console(width=80, no_color=True)
     with console.capture() as capture:
-        console.print(terminal._drawn(table, wraps=wraps))
+        console.print(terminal._render(table, wraps=wraps))
     text = capture.get()
     assert "…" not in text and text.count("12345.678") + text.count("12345.67") >= 7
 

@@ -136,7 +136,7 @@ def test_the_voltage_at_the_stack_is_what_counts() -> None:
     """An amplifier of 20 Hz is not in the model, and need not be: its output was recorded."""
     slow = replace(AXIS, driver=Driver(bandwidth=20.0))
     run = recorded("sine", sine(2.0), slow)
-    voltage = AxisDynamics("x", slow, 100.0, tolerance=1e-8)._simulated(run, None).voltage[0]
+    voltage = AxisDynamics("x", slow, 100.0, tolerance=1e-8)._simulate(run, None).voltage[0]
     known = replace(run, columns={**run.columns, "v": voltage}, si={**run.si, "v": "V"}, name="known")
     told, other = compare(model(), [run, known]).runs
     assert other.rms == pytest.approx(NOISE, rel=0.06) and told.rms > 10 * NOISE

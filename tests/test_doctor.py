@@ -130,7 +130,7 @@ def test_a_report_without_opengl_has_no_pictures_and_says_so() -> None:
     from flexdesign.report import pictures
 
     said: list[str] = []
-    drawn = pictures.drawn_or_said(lambda: pictures.apart(os.abort), said.append)  # type: ignore[arg-type, return-value]
+    drawn = pictures.draw_or_explain(lambda: pictures.apart(os.abort), said.append)  # type: ignore[arg-type, return-value]
     assert drawn[:2] == ([], []) and drawn[2] == said
     assert said[0].startswith("No pictures: ")
 

@@ -132,7 +132,7 @@ def test_a_cycled_stack_is_not_taken_for_a_fresh_one() -> None:
     Three standard deviations, as above. Rest is 8 % of the stroke, and known to 0.05 um.
     """
     limited = Driver(limits=(0.0, 120.0))
-    cycled = stages.cycled(replace(TRUTH, driver=limited))
+    cycled = stages.after_full_cycles(replace(TRUTH, driver=limited))
     t = PERIOD * np.arange(1700)
     command = np.interp(t, [0, 0.1, 0.4, 0.7, 1.0, 1.3, 1.4, 1.4001, 1.7], [0, 0, 120, 0, 120, 0, 0, 60, 60])
     run, start = recorded(command, cycled), stage(replace(START, driver=limited))

@@ -100,7 +100,7 @@ def test_further_columns(
     assert {*run.columns} == {name for name in wanted if name not in (None, "t")}
     for k, (name, cell) in enumerate(zip(wanted, header.split(","), strict=True)):
         if name and name not in ("t", "T"):
-            factor = units.factor(header_cells.parted(cell)[1], run.si[name])
+            factor = units.factor(header_cells.split_unit(cell)[1], run.si[name])
             assert run.columns[name] == pytest.approx(factor * values[:, k], rel=1e-9)
 
 
@@ -359,13 +359,13 @@ def test_from_python_the_map_to_complete_is_a_note_of_the_error(tmp_path: Path) 
     ],
 )  # fmt: skip
 def test_header_cells(cell: str, name: str, unit: str) -> None:
-    assert header_cells.parted(cell) == (name, unit)
+    assert header_cells.split_unit(cell) == (name, unit)
 
 
 def test_words_are_no_units() -> None:
     """A name of one word is not taken for a unit: no word of the vocabulary but those that are units."""
-    known = {word for kind in roles.WORDS.values() for word in kind}
-    taken = {word for word in known if header_cells.parted(word)[1]}
+    known = {word for kind in roles.VOCABULARY.values() for word in kind}
+    taken = {word for word in known if header_cells.split_unit(word)[1]}
     assert taken <= {"seconds", "secs", "sec", "millis", "micros", "volt", "volts", "hz", "sekunden", "amps"}
 
 

@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete, lfilter
 from flexdesign.core.errors import InputError
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.measurements.noise_level import noise_floor
-from flexdesign.measurements.noise_level.noise_floor import resampled
+from flexdesign.measurements.noise_level.noise_floor import resample
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -202,7 +202,7 @@ def test_readings_in_steps_have_the_noise_of_steps() -> None:
 
 def test_another_sampling_period_keeps_the_correlation() -> None:
     """AR(1) sampled every fifth time is AR(1) with the fifth power."""
-    found = resampled(Process.from_coefficients(np.array([1.0, -0.98]), 1.0), 1e-3, 5e-3)
+    found = resample(Process.from_coefficients(np.array([1.0, -0.98]), 1.0), 1e-3, 5e-3)
     assert found.rms == pytest.approx(5.025, rel=1e-3)
     assert found.autocorrelation(4)[1:] == pytest.approx(0.98 ** (5 * np.arange(1, 4)), rel=1e-4)
 

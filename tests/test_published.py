@@ -16,7 +16,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.printed_numbers import Printed
 from flexdesign.effects import statics
 from flexdesign.workflows.published import folder as folders
-from flexdesign.workflows.published.closing import closing, model_of, neglected
+from flexdesign.workflows.published.closing import closing, model_of, neglected_effects
 from flexdesign.workflows.published.folder import PublishedNumber
 from flexdesign.workflows.validation.model_hierarchy import model_hierarchy
 
@@ -116,11 +116,11 @@ def test_what_a_formula_neglects_is_told_where_it_closes_no_gap() -> None:
     table = StaticTable("", (Row("lambda", "output free", 1.0, None, ""),))
     kept = {name: own for name, own in model.effects.items() if name not in names}
     together = float(replace(model, effects=kept).predict(table)[0] / model.predict(table)[0]) - 1
-    found = neglected(model, published(1.0, "lambda", names))
+    found = neglected_effects(model, published(1.0, "lambda", names))
     assert set(found) == {*names, ""}
     assert found[""] == pytest.approx(together, rel=1e-12)
     assert (1 + found["hinge_axial"]) * (1 + found["plane_strain"]) - 1 == pytest.approx(together, rel=0.05)
-    assert neglected(model, published(1.0, "lambda")) == {}
+    assert neglected_effects(model, published(1.0, "lambda")) == {}
 
 
 def test_effects_that_may_be_neglected_are_those_of_a_drawing() -> None:

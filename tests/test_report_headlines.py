@@ -73,7 +73,7 @@ def test_a_stroke_of_small_displacements_alone_is_called_linear(validation: Vali
     further = [quantity for quantity in validation.further if "large" not in quantity.boundary]
     small = replace(validation, large=None, further=further)
     assert card.facts(small)[0].name == "stroke, linear"
-    assert card.stroke_in_words(small).endswith("(linear)")
+    assert card.stroke_text(small).endswith("(linear)")
     assert "Large displacements were not followed: the stroke is the linear one." in card.warnings(small)
 
 

@@ -33,7 +33,7 @@ def test_round_trip(effect: str, seed: int) -> None:
 @pytest.mark.parametrize("effect", ["prandtl_ishlinskii", "coulomb_friction", "creep"])
 def test_two_hystereses_have_one_past(effect: str) -> None:
     axis = with_effect(stage_model.read(STAGE), effect)[0].axes[AXIS]
-    assert (stage_dynamics.cycled(axis) is axis) == (effect != "creep")
+    assert (stage_dynamics.after_full_cycles(axis) is axis) == (effect != "creep")
 
 
 @pytest.mark.parametrize(("missed", "named", "is_right"), [(0.5, ("creep",), True), (0.5, (), False), (0.1, (), True)])

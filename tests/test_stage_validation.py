@@ -231,7 +231,7 @@ def test_what_a_variant_changes_is_found_within_its_estimate(order: float) -> No
 
     here, there = ([level(size, variant=variant) for size in sizes] for variant in (False, True))
     limits = {name: Quantity(name, value, "1", "", "", half_width=0.5) for name, value in (("K", 100.0), ("lost", 0.0))}
-    found = stage_variants.changed(here, there, sizes, limits)
+    found = stage_variants.variant_quantities(here, there, sizes, limits)
     assert set(found) == {"K", "lost"}
     for name, truth in (("K", 100 / 3), ("lost", 7.0)):
         sigma = found[name].half_width

@@ -201,7 +201,7 @@ class Confrontation:
         return Result(
             loop,
             Document(title, section.paragraphs, [section]),
-            table or confrontation_report.ladder_of(found),
+            table or confrontation_report.ladder_table(found),
             lambda: {"kind": "loop", "loop": addition_report.loop_json(loop)},
         )
 
@@ -215,7 +215,7 @@ class Confrontation:
         return Result(
             found,
             confrontation_report.document(found, values),
-            confrontation_report.ladder_of(found),
+            confrontation_report.ladder_table(found),
             partial(confrontation_report.result, found, values),
             lambda folder: {"stage_model.toml": self._file(found, values, folder)},
             {run.name: run.rms for run in found.comparison.runs},
@@ -235,7 +235,7 @@ class Confrontation:
 
     def ladder(self, found: Confronted) -> list[tuple[str, str, float]]:
         """Return the steps of the error ladder: what it is called, the error as text, and over the noise floor."""
-        rows = confrontation_report.ladder_of(found).rows
+        rows = confrontation_report.ladder_table(found).rows
         ratios = [step.error / found.noise_floor for step in found.error_ladder] + [1.0]
         return [(str(row[0]), str(row[1]), ratio) for row, ratio in zip(rows, ratios, strict=False)]
 

@@ -41,7 +41,7 @@ def read_model(model: str | Path | StageModel, changes: Sequence[str] = (), **ta
     """
     given = overrides(changes, tables)
     if isinstance(model, StageModel):
-        return stage_model.changed(model, given) if given else model
+        return stage_model.with_overrides(model, given) if given else model
     return stage_model.read(model, given)
 
 

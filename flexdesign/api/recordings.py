@@ -310,7 +310,7 @@ def diagnose(
     return DiagnosisResult(
         found,
         diagnosis_report.document(found, apart),
-        diagnosis_report.ladder_of(found),
+        diagnosis_report.ladder_table(found),
         partial(diagnosis_result.result, found, apart),
         lambda folder: {"stage_model.toml": edit(_stage(model), better, folder)},
         {named.name: named for named in found.effects},
@@ -370,7 +370,7 @@ def add_effect(
     return Result(
         found,
         addition_report.document(found, loop),
-        addition_report.ladder_of(found),
+        addition_report.ladder_table(found),
         partial(addition_report.result, found, loop),
         lambda folder: {"stage_model.toml": edit(_stage(model), found.model, folder)},
         {value.parameter.name: value for value in found.values},

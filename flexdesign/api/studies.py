@@ -71,7 +71,7 @@ def sweep(
     return Result(
         found,
         sweep_report.document(found),
-        sweep_report.answer(found),
+        sweep_report.result_table(found),
         partial(sweep_report.result, found),
         partial(_tables, found),
         rows=partial(sweep_report.records, found),

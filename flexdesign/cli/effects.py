@@ -92,7 +92,7 @@ def effects(
     if as_json:
         print_json(result)
         return
-    brief = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
+    brief = Document(effect.name, [effect.physics, *effect_pages.advice(effect)])
     terminal.brief(brief, effect_pages.brief(effect), [path for path in written if path.suffix != ".svg"])
 
 
@@ -128,7 +128,7 @@ def _static(name: str, design: str, overrides: list[str], out: Path | None, as_j
     if as_json:
         print_json(result)
         return
-    brief = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
+    brief = Document(effect.name, [effect.physics, *effect_pages.advice(effect)])
     terminal.brief(brief, document.sections[0].tables[0], [path for path in written if path.suffix != ".svg"])
 
 

@@ -46,4 +46,4 @@ def materials(
         terminal.brief(Document("Materials", []), material_pages.catalogue(), [])
     else:
         material = material_pages.find(name)
-        terminal.brief(Document(material.name, material_pages.words(material)), material_pages.numbers(material), [])
+        terminal.brief(Document(material.name, material_pages.validity(material)), material_pages.numbers(material), [])

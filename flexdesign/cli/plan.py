@@ -86,4 +86,4 @@ def plan(
         )  # fmt: skip
         say("writing")
         written = [*where.write(found), *found.found.write(where.folder / "commands")]
-    show(found, plan_pages.listed(written), as_json)
+    show(found, plan_pages.files_to_list(written), as_json)

@@ -188,7 +188,7 @@ def report_folder(
     if out is None and (found := origin.state_of_checkout(folder)) and origin.is_another(found, inputs):
         folder = folder.with_name(f"{folder.name}_{inputs.digest}")
     render.prepare(folder)
-    return ReportFolder(folder, inputs, origin.replaced(folder, inputs))
+    return ReportFolder(folder, inputs, origin.replacement_notice(folder, inputs))
 
 
 def listed(**given: object) -> list[str]:

@@ -25,7 +25,7 @@ from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, SelectionHistory, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_choice import choose_axis
-from flexdesign.dynamics.axis.axis_run import acts_ahead_of_stack
+from flexdesign.dynamics.axis.axis_run import acts_before_stack
 from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_experiments
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_dynamics import missing
@@ -126,7 +126,7 @@ def add(
         @cache
         def alone(fit: FittedModel) -> tuple[Candidate]:
             lines = periodic_disturbances.frequencies(data, fit)
-            return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
+            return (candidates.candidate_of(dynamics, effects.find(name), name, fields.AXIS_FIELDS.get(name), lines),)
 
         task, gone = procedure.search(data, task, dynamics, alone)
         (candidate,) = alone(gone.calibration)
@@ -177,13 +177,13 @@ def _check(data: DiagnosisData, name: str, model: StageModel) -> None:
     if name in candidates.NOISE:
         remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
         raise InputError("command line", "EFFECT", name, remedy)
-    number = fields.ELSEWHERE.get(name)
+    number = fields.AXIS_FIELDS.get(name)
     numbers = {**data.axis.numbers, "controller.delay": model.controller.delay}
     if name in data.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
         place = f"{data.name}.{number}" if number else f"{data.name}.effects.{name}"
         remedy = f"acts on axis {data.name} already (axis.{place}); identify --free fits its numbers"
         raise InputError("command line", "EFFECT", name, remedy)
-    if data.is_at_stack and acts_ahead_of_stack(effects.find(name)):
+    if data.is_at_stack and acts_before_stack(effects.find(name)):
         remedy = "acts ahead of the stack, and these runs know the voltage at the stack: none of it is left to show"
         raise InputError("command line", "EFFECT", name, remedy)
     if not data.runs and not spectrum.shows(effects.find(name)):

@@ -33,7 +33,7 @@ def known_effect(name: str, field: str, catalogue: ModuleType = effects) -> str:
         effect = catalogue.find(whole)
     except ValueError as error:
         raise InputError("command line", field, name, str(error)) from None
-    if catalogue is effects and whole not in fields.ELSEWHERE and not (effect.faces and effect.acts_in_time):
+    if catalogue is effects and whole not in fields.AXIS_FIELDS and not (effect.faces and effect.acts_in_time):
         raise InputError("command line", field, name, "acts on parts at rest alone, which no run in time shows")
     if not any(p.null is not None for p in effect.parameters):
         raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")

@@ -21,7 +21,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.axis_noise import noise_of_axis
 from flexdesign.diagnosis.comparison.compare import RunComparison, compared
-from flexdesign.dynamics.axis.axis_choice import checked_numbers, choose_axis
+from flexdesign.dynamics.axis.axis_choice import choose_axis, require_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
 from flexdesign.dynamics.axis.axis_run import doubts, of_axis
@@ -152,7 +152,7 @@ def identify(
     max_command = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
     start = AxisDynamics(name, model.axes[name], max_command, delay=model.controller.delay)
     default = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())
-    asked = default if free is None else checked_numbers(start, free)
+    asked = default if free is None else require_parameters(start, free)
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")

@@ -56,7 +56,7 @@ def run(
     return replace(response, error=max(response.error, change))
 
 
-def left_out(model: StageModel, name: str) -> list[str]:
+def inactive_disturbances(model: StageModel, name: str) -> list[str]:
     """Return what the effects of an axis would add to its reading, did an experiment have what they need."""
     there = {each: np.zeros(0) for each in model.axes}
     remarks = []

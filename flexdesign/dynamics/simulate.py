@@ -344,7 +344,7 @@ class _Inputs:
             laid_out.sensor_ticks,
             laid_out.controllers,
             laid_out.state,
-            self._bound(),
+            self._runaway_limit(),
             Record(*(first + size * i for i in range(len(record)))),
         )
         command, cut, voltage, drive, motion, reading = record[:, :, :done]
@@ -379,7 +379,7 @@ class _Inputs:
         bends = any(block.pull for axis in self.stage.axes for block, _ in axis.blocks(Socket.FORCE))
         return 2.0 if bends else 4.0
 
-    def _bound(self) -> float:
+    def _runaway_limit(self) -> float:
         """Return how large a motion may grow: far beyond what full drive gives."""
         largest = [abs(limit) for limit in self.limits.flat if math.isfinite(limit)]
         largest_command = max(float(np.abs(self.given).max()), *largest, 0.0)

@@ -103,7 +103,7 @@ def _continuous(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Comp
         through, rests = _through(blocks, frequency, at, size, own)
         passed, at, size = passed * through, rests, size * own
     forces = chain.blocks(Socket.FORCE)
-    position = _balanced(forces, at)
+    position = _equilibrium(forces, at)
     modes = _modes(chain, frequency)
     stiffness = sum((_of(b, v, frequency, position, 0.0) for b, v in forces), np.zeros_like(passed))
     passed = passed * modes / (1.0 - modes * stiffness)
@@ -126,7 +126,7 @@ def _through(
         if block.mode == "add":
             passed = _of(block, values, frequency, at, size)
             through = through + passed
-            rests += _settled(block, values, at)
+            rests += _static_value(block, values, at)
     return through, rests
 
 
@@ -136,17 +136,17 @@ def _of(block: Block, values: Values, frequency: Array, at: float, size: float) 
     return np.zeros(len(frequency)) + np.asarray(block.transfer(values, frequency, at, size))
 
 
-def _settled(block: Block, values: Values, at: float) -> float:
+def _static_value(block: Block, values: Values, at: float) -> float:
     if block.settled is not None:
         return block.settled(values, at)
     return float(_of(block, values, np.zeros(1), at, 0.0)[0].real) * at
 
 
-def _balanced(forces: Sequence[tuple[Block, Values]], drive: float) -> float:
+def _equilibrium(forces: Sequence[tuple[Block, Values]], drive: float) -> float:
     """Return the position at which the forces over the stiffness and the drive are in balance."""
     position, still = drive, np.zeros(1)
     for _ in range(STEPS):
-        off = position - drive - sum(_settled(block, values, position) for block, values in forces)
+        off = position - drive - sum(_static_value(block, values, position) for block, values in forces)
         slope = 1.0 - sum(float(_of(block, values, still, position, 0.0)[0].real) for block, values in forces)
         step = off / slope if slope else 0.0
         position -= step

@@ -26,7 +26,7 @@ def stage(model: StageModel) -> Stage:
         tuple(chain(name, axis) for name, axis in model.axes.items()),
         np.eye(len(names)) + _matrix(names, model.coupling.linear),
         _matrix(names, model.coupling.quadratic),
-        {name: limits(axis) for name, axis in model.axes.items()},
+        {name: command_limits(axis) for name, axis in model.axes.items()},
         {name: axis.sensor.noise for name, axis in model.axes.items()},
     )
 
@@ -34,7 +34,7 @@ def stage(model: StageModel) -> Stage:
 def chain(name: str, axis: AxisModel) -> AxisChain:
     """Return the chain of one axis, its numbers and modes as its effects leave them."""
     given = by_name(active_effects(axis))
-    numbers = _adjusted(axis, given)
+    numbers = _main_mode(axis, given)
     further = [Oscillator(mode.frequency, mode.damping_ratio, mode.share) for mode in axis.modes]
     for effect, values in given:
         further += [Oscillator(*face.mode(values)) for face in effect.faces if isinstance(face, Resonance)]
@@ -43,12 +43,12 @@ def chain(name: str, axis: AxisModel) -> AxisChain:
     return AxisChain(name, numbers["gain"], (main, *further), tuple(given), axis.driver.gain)
 
 
-def adjusted(axis: AxisModel) -> dict[str, float]:
+def main_mode(axis: AxisModel) -> dict[str, float]:
     """Return natural frequency, damping ratio and gain of the main mode as the effects of an axis leave them, SI."""
-    return _adjusted(axis, by_name(active_effects(axis)))
+    return _main_mode(axis, by_name(active_effects(axis)))
 
 
-def _adjusted(axis: AxisModel, given: Sequence[tuple[Effect, Mapping[str, float]]]) -> dict[str, float]:
+def _main_mode(axis: AxisModel, given: Sequence[tuple[Effect, Mapping[str, float]]]) -> dict[str, float]:
     numbers = {"natural_frequency": axis.natural_frequency, "damping_ratio": axis.damping_ratio, "gain": axis.gain}
     for effect, values in given:
         for face in effect.faces:
@@ -86,7 +86,7 @@ def disturbance(
     return AxisChain(name, axis.gain, (), tuple(given)).disturbance(time, there)
 
 
-def is_disturbed(axis: AxisModel) -> bool:
+def has_disturbance(axis: AxisModel) -> bool:
     """Tell whether an effect of an axis adds to its reading."""
     return any(isinstance(face, Disturbance) for effect, _ in active_effects(axis) for face in effect.faces)
 
@@ -124,7 +124,7 @@ def stack_range(axis: AxisModel) -> tuple[float, float]:
     return max((low for low, _ in known), default=-math.inf), min((high for _, high in known), default=math.inf)
 
 
-def limits(axis: AxisModel) -> tuple[float, float]:
+def command_limits(axis: AxisModel) -> tuple[float, float]:
     """Return the lowest and highest command: those that give the ends of the range at the stack [V]."""
     first, last = sorted(limit / axis.driver.gain for limit in stack_range(axis))
     return first, last
@@ -142,7 +142,7 @@ def secant_gain(axis: AxisModel) -> float:
 
     It is what a user sees who divides stroke by voltage: less than k_v by what hysteresis holds back.
     """
-    gain = adjusted(axis)["gain"]
+    gain = main_mode(axis)["gain"]
     return math.copysign(abs(gain) - held_back(axis), gain)
 
 
@@ -156,7 +156,7 @@ def held_back(axis: AxisModel) -> float:
     return (top - bottom) / (high - low)
 
 
-def cycled(axis: AxisModel) -> AxisModel:
+def after_full_cycles(axis: AxisModel) -> AxisModel:
     """Return an axis that was cycled over its whole range of voltage and rests at zero volts, where motion counts zero.
 
     One whose hysteresis says where it rests, or whose range has no ends or not zero in it, is returned as it is. So is

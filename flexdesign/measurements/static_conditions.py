@@ -25,7 +25,7 @@ STATED_CONDITIONS: Mapping[str, tuple[str, Callable[[Design], str]]] = {
 }
 
 
-def changed(design: Design) -> dict[str, str]:
+def overrides_of(design: Design) -> dict[str, str]:
     """Return what overrides changed of a design in addition to its dimensions, as comments have it."""
     return {name: write(design) for name, (key, write) in STATED_CONDITIONS.items() if key in design.changed}
 

@@ -166,7 +166,7 @@ def to_csv(found: Sequence[Quantity], design: Design | None = None) -> str:
     comments, which `read` compares with its design.
     """
     stream = io.StringIO()
-    changed = static_conditions.changed(design) if design else {}
+    changed = static_conditions.overrides_of(design) if design else {}
     dimensions = static_conditions.dimensions(design) if design else {}
     stream.write("".join(f"# {name}: {text}\n" for name, text in changed.items()))
     writer = csv.writer(stream, lineterminator="\n")

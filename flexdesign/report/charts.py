@@ -127,7 +127,7 @@ def svg(figure: Any) -> bytes:
         FigureCanvasSVG(figure)
         layout.execute(figure)
         figure.set_layout_engine("none")
-    sentences = {"Date": None, "Description": units.typeset(in_words(figure))}
+    sentences = {"Date": None, "Description": units.typeset(describe(figure))}
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
         figure.savefig(stream, format="svg", transparent=True, metadata=sentences)
@@ -135,12 +135,12 @@ def svg(figure: Any) -> bytes:
     return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), drawn)
 
 
-def in_words(figure: Any) -> str:
+def describe(figure: Any) -> str:
     """Say what a drawing shows, for who cannot see it: the axes with their ranges, and the curves or bars."""
-    return " ".join(text for axes in figure.axes if (text := _axes_in_words(axes)))
+    return " ".join(text for axes in figure.axes if (text := _describe_axes(axes)))
 
 
-def _axes_in_words(axes: Any) -> str:
+def _describe_axes(axes: Any) -> str:
     names = (axes.get_title(loc="left") or axes.get_title(), axes.get_ylabel(), axes.get_xlabel())
     title, ylabel, xlabel = (" ".join(name.split()) for name in names)
     shown = " over ".join(each for each in (ylabel, xlabel) if each)
@@ -151,14 +151,16 @@ def _axes_in_words(axes: Any) -> str:
     bars = [patch for patch in axes.patches if hasattr(patch, "get_height")]
     if not lines and bars:
         texts.append(f"{len(bars)} bars")
-    named = [label.get_text() for axis in (axes.xaxis, axes.yaxis) for label in _fixed(axis) if label.get_text()]
+    named = [
+        label.get_text() for axis in (axes.xaxis, axes.yaxis) for label in _category_labels(axis) if label.get_text()
+    ]
     if named:
         texts.append(", ".join(" ".join(name.split()) for name in named))
     texts = [text for text in texts if text]
     return f"{'; '.join(texts)}." if texts else ""
 
 
-def _fixed(axis: Any) -> Sequence[Any]:
+def _category_labels(axis: Any) -> Sequence[Any]:
     """Return the labels of an axis that has names in place of numbers."""
     return axis.get_ticklabels() if _has_names(axis) else ()
 

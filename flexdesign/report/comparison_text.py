@@ -27,12 +27,12 @@ def units_of(response: str) -> tuple[str, str]:
     return written.large, written.small
 
 
-def sentences(found: Comparison) -> list[str]:
+def sentences(comparison: Comparison) -> list[str]:
     """Return where the model fails, in up to three sentences: in which runs, at which frequencies, in which region."""
-    if not found.unexplained:
+    if not comparison.unexplained:
         return []
     text = []
-    by_run = found.by("run")
+    by_run = comparison.by("run")
     if by_run and len(by_run.parts) > 1:
         if by_run.contrast < UNIFORM:
             text.append("It fails in all runs alike.")
@@ -40,13 +40,13 @@ def sentences(found: Comparison) -> list[str]:
             worst = sorted(by_run.concentrated, key=lambda p: -p.share)
             names = listed([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
             text.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
-    by_frequency = found.by("frequency")
+    by_frequency = comparison.by("frequency")
     if by_frequency and (band := by_frequency.dominant()):
-        mode = found.model.axes[found.axis].natural_frequency
+        mode = comparison.model.axes[comparison.axis].natural_frequency
         near = f", where the main mode is ({mode:.4g} Hz)" if band[0].lower <= mode < band[-1].upper else ""
         share = percent(sum(p.share for p in band))
         text.append(f"It fails mostly {place(by_frequency, band)}{near}: {share}.")
-    regions = [b for b in found.where if b.by not in ("run", "frequency")]
+    regions = [b for b in comparison.where if b.by not in ("run", "frequency")]
     strongest = max(regions, key=lambda b: b.contrast * b.covers)
     if strongest.contrast * strongest.covers < UNIFORM:
         text.append("No position, velocity or voltage is worse than the others.")
@@ -68,7 +68,7 @@ def label(breakdown: Breakdown, part: Part) -> str:
         return f"below {limit(part.upper, breakdown.si)}"
     if breakdown.si == "s" and part.lower == 0:
         return f"first {limit(part.upper, breakdown.si)}"
-    return between(part.lower, part.upper, breakdown.si)
+    return value_range(part.lower, part.upper, breakdown.si)
 
 
 def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
@@ -93,7 +93,7 @@ def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
         elif b == high and a > low:
             text.append(f"above {limit(a, breakdown.si)}")
         else:
-            text.append(between(a, b, breakdown.si))
+            text.append(value_range(a, b, breakdown.si))
     where = " or ".join(text)
     if breakdown.si == "s":
         after = where.replace("below", "in the first").replace("above", "later than")
@@ -122,10 +122,10 @@ def limit(value: float, si: str, size: float | None = None) -> str:
     return f"{float(number):g} {sign(unit)}"
 
 
-def between(low: float, high: float, si: str) -> str:
+def value_range(low: float, high: float, si: str) -> str:
     """Write a range, its unit once.
 
-    >>> between(-20e-6, 5e-6, "m")
+    >>> value_range(-20e-6, 5e-6, "m")
     '-20 to 5 µm'
     """
     size = max(abs(low), abs(high))

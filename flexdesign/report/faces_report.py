@@ -16,7 +16,7 @@ from flexdesign.design.step_file import StepBody
 from flexdesign.fem.meshing.thin_regions import Surface, ThinRegions, surface_of
 from flexdesign.report import pictures
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.pictures import Picture, drawn_or_said
+from flexdesign.report.pictures import Picture, draw_or_explain
 
 KINDS = ("plane", "cylinder")
 #: Plane faces that a terminal and the picture show.
@@ -89,7 +89,7 @@ def _sections(
         picture = Picture("faces.png", points, cells, view="oblique", focus=(middle, 0.45 * size), labels=labels)
         return [Figure("faces.png", pictures.draw([picture])["faces.png"], CAPTION)], []
 
-    figures, _, missing = drawn_or_said(draw, progress)
+    figures, _, missing = draw_or_explain(draw, progress)
     rows = [[h.name, f"{1e3 * h.thickness:.4g} mm", f"{1e3 * h.length:.3g} x {1e3 * h.width:.3g} mm",
              in_mm(h.centre)] for h in thin.hinges]  # fmt: skip
     sections = [

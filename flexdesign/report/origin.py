@@ -50,13 +50,13 @@ class Inputs:
     @cached_property
     def record(self) -> dict[str, Any]:
         """The inputs as result.json holds them: each file by its path and the hash of its content."""
-        hashes = {_named(file): _hash(file) for file in self.files}
+        hashes = {_relative_path(file): _hash(file) for file in self.files}
         return {"command": self.verb, "files": hashes, "settings": list(self.settings)}
 
     @property
     def digest(self) -> str:
         """A few letters that distinguish these inputs from others, whatever the files hold."""
-        named = json.dumps([self.verb, [_named(file) for file in self.files], list(self.settings)])
+        named = json.dumps([self.verb, [_relative_path(file) for file in self.files], list(self.settings)])
         return hashlib.sha256(named.encode()).hexdigest()[:6]
 
 
@@ -89,7 +89,7 @@ def is_another(found: Mapping[str, Any], inputs: Inputs) -> bool:
     )
 
 
-def replaced(folder: Path, inputs: Inputs) -> str:
+def replacement_notice(folder: Path, inputs: Inputs) -> str:
     """Say which report of other inputs will be replaced in a folder; empty if there is none."""
     found = state_of_checkout(folder)
     if found is None or found == inputs.record:
@@ -137,7 +137,7 @@ def _kept(given: Sequence[str]) -> Iterator[str]:
             yield word
 
 
-def _named(file: Path) -> str:
+def _relative_path(file: Path) -> str:
     """Return the path of a file from where we work, if it lies below; else the whole one."""
     whole, here = file.resolve(), Path().resolve()
     return (whole.relative_to(here) if whole.is_relative_to(here) else whole).as_posix()

@@ -37,10 +37,10 @@ def corners(values: ArrayLike) -> dict[str, Any]:
     return _text(rows.astype("<u4"))
 
 
-def rounded(values: ArrayLike) -> dict[str, Any]:
+def quantise(values: ArrayLike) -> dict[str, Any]:
     """Return numbers as whole multiples of a step above their minimum; the error is half a step, a gap stays one.
 
-    >>> rounded([0.0, 65534.0])["step"]
+    >>> quantise([0.0, 65534.0])["step"]
     1.0
     """
     numbers: NDArray[np.float64] = np.asarray(values, dtype=float)

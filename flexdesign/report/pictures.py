@@ -129,7 +129,7 @@ class NoPictures(Exception):
     """Nothing can be drawn here; the message says what to install."""
 
 
-def drawn_or_said(
+def draw_or_explain(
     draw: Callable[[], tuple[list[Figure], list[Figure]]], progress: Callable[[str], None]
 ) -> tuple[list[Figure], list[Figure], list[str]]:
     """Return two groups of pictures; where none can be drawn, none, and a sentence that says why."""
@@ -205,7 +205,7 @@ def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
         size = np.linalg.norm(displacement, axis=1)
         surface["motion"] = size / size.max()
         frames = [drawn(displacement, phase) for phase in (SWING if shot.moving else (1.0,))]
-        files[shot.file] = _animated(frames) if shot.moving else _png(frames[0])
+        files[shot.file] = _animate(frames) if shot.moving else _png(frames[0])
     plotter.close()
     return files
 
@@ -249,7 +249,7 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     for row, note in enumerate(picture.notes):
         plotter.add_text(note, position=(25, _SIZE[1] - 60 - 50 * row), font_size=NOTE, color=_INK)
     if picture.mark is not None:
-        _marked(plotter, *picture.mark, front=float(grid.points[:, 2].max()) + 1.0)
+        _mark(plotter, *picture.mark, front=float(grid.points[:, 2].max()) + 1.0)
     if picture.labels:
         plotter.add_point_labels(
             1e3 * np.array([point for point, _ in picture.labels]), [text for _, text in picture.labels],
@@ -312,7 +312,7 @@ def _scale_bar(plotter: Any, picture: Picture, grid: Any, pv: Any) -> None:
     )  # fmt: skip
 
 
-def _marked(plotter: Any, point: tuple[float, float, float], text: str, front: float) -> None:
+def _mark(plotter: Any, point: tuple[float, float, float], text: str, front: float) -> None:
     """Put a dot before a point [m] of the front view, and a text into the upper left corner."""
     x, y, _ = 1e3 * np.array(point)
     plotter.add_points(np.array([[x, y, front]]), color=MARK, point_size=26, render_points_as_spheres=True)
@@ -321,7 +321,7 @@ def _marked(plotter: Any, point: tuple[float, float, float], text: str, front: f
     written.prop.SetBackgroundOpacity(1.0)
 
 
-def _animated(frames: Sequence[NDArray[np.uint8]]) -> bytes:
+def _animate(frames: Sequence[NDArray[np.uint8]]) -> bytes:
     """Return an animated PNG that swings through the frames and back, for ever."""
     from PIL import Image
 

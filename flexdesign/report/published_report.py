@@ -20,24 +20,27 @@ PLURAL = {"agrees": "agree", "explained": "explained", "differs": "differ"}
 TICKS = (0, 1, 3, 10, 30, 100, 300, 1000)
 
 
-def document(found: PublishedMechanisms) -> Document:
+def document(published: PublishedMechanisms) -> Document:
     """Return the report."""
     texts = ", ".join(
-        f"{count} {verdict if count == 1 else PLURAL[verdict]}" for verdict, count in found.counted().items() if count
+        f"{count} {verdict if count == 1 else PLURAL[verdict]}"
+        for verdict, count in published.counted().items()
+        if count
     )
     summary = [
-        f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, and finite elements: {texts}.",
-        _unexplained(found),
+        f"{len(published.rows)} published numbers of {len(published.mechanisms)} mechanisms, and finite elements: "
+        f"{texts}.",
+        _unexplained(published),
     ]
-    sections = [Section("Overview", [_how()], [overview(found)], [_picture(found)])]
-    sections += [_section(each) for each in found.mechanisms]
+    sections = [Section("Overview", [_how()], [overview(published)], [_picture(published)])]
+    sections += [_section(each) for each in published.mechanisms]
     return Document("Published mechanisms", summary, sections)
 
 
-def overview(found: PublishedMechanisms) -> Table:
+def overview(published: PublishedMechanisms) -> Table:
     """Return how many numbers of each mechanism have which verdict, and the largest difference before and after."""
     rows = []
-    for each in found.mechanisms:
+    for each in published.mechanisms:
         counts = [str(sum(row.verdict == verdict for row in each.rows)) for verdict in VERDICTS]
         before, after = (max(values, key=abs) for values in zip(*map(_gaps, each.rows), strict=True))
         rows.append([each.folder.study.design.title, str(len(each.rows)), *counts, _percent(before), _percent(after)])
@@ -45,7 +48,7 @@ def overview(found: PublishedMechanisms) -> Table:
     return Table(head, rows)
 
 
-def rows(found: PublishedMechanisms) -> list[dict[str, Any]]:
+def rows(published: PublishedMechanisms) -> list[dict[str, Any]]:
     """Return one record for each number, SI."""
     return [
         {
@@ -65,15 +68,15 @@ def rows(found: PublishedMechanisms) -> list[dict[str, Any]]:
             "neglected": dict(row.neglected),
             "note": row.number.note,
         }
-        for each in found.mechanisms
+        for each in published.mechanisms
         for row in each.rows
     ]
 
 
-def result(found: PublishedMechanisms) -> dict[str, Any]:
+def result(published: PublishedMechanisms) -> dict[str, Any]:
     """Return result.json's content."""
     head = {**header("published"), "title": "Published mechanisms"}
-    return {**head, "verdicts": found.counted(), "rows": rows(found), "seconds": found.seconds}
+    return {**head, "verdicts": published.counted(), "rows": rows(published), "seconds": published.seconds}
 
 
 def _how() -> str:
@@ -86,11 +89,11 @@ def _how() -> str:
     )
 
 
-def _unexplained(found: PublishedMechanisms) -> str:
+def _unexplained(published: PublishedMechanisms) -> str:
     named = [
         f"{each.folder.study.design.title}, {row.number.printed.place}: {row.number.quantity}, {row.number.boundary} "
         f"{_percent(row.gap)}{f' ({row.number.note})' if row.number.note else ''}"
-        for each in found.mechanisms
+        for each in published.mechanisms
         for row in each.rows
         if row.verdict == "differs"
     ]
@@ -116,10 +119,10 @@ def _row(row: Compared) -> list[str]:
 
 def _closing(row: Compared) -> str:
     if row.closing is not None:
-        names = ", ".join(map(_called, row.closing.effects))
+        names = ", ".join(map(_display_name, row.closing.effects))
         known = units.significant(100 * row.closing.uncertainty, 2)
         return f"without {names}: {_percent(row.closing.remaining)}, known to ± {known} %"
-    alone = [f"{_called(name)} {_percent(change)}" for name, change in row.neglected.items() if name]
+    alone = [f"{_display_name(name)} {_percent(change)}" for name, change in row.neglected.items() if name]
     texts = [row.number.note[:1].upper() + row.number.note[1:]] if row.number.note else []
     if alone:
         change = _percent(row.neglected[""])
@@ -127,7 +130,7 @@ def _closing(row: Compared) -> str:
     return ". ".join(texts) or "–"
 
 
-def _called(name: str) -> str:
+def _display_name(name: str) -> str:
     return statics.find(name).name.replace("_", " ")
 
 
@@ -139,15 +142,15 @@ def _gaps(row: Compared) -> tuple[float, float]:
     return row.gap, row.closing.remaining if row.closing else row.gap
 
 
-def _picture(found: PublishedMechanisms) -> Figure:
+def _picture(published: PublishedMechanisms) -> Figure:
     labels = [
         f"{each.folder.name}: {row.number.quantity}, {row.number.boundary}\n{row.number.printed.place}"
-        for each in found.mechanisms
+        for each in published.mechanisms
         for row in each.rows
     ]
     figure, axes = charts.drawing(7.2, 0.42 * len(labels) + 1.4)
     places = range(len(labels))
-    before, after = zip(*map(_gaps, found.rows), strict=True)
+    before, after = zip(*map(_gaps, published.rows), strict=True)
     for place, one, other in zip(places, before, after, strict=True):
         axes.plot([100 * one, 100 * other], [place, place], color=charts.NEUTRAL, linewidth=1)
     for values, colour, label in (

@@ -45,16 +45,16 @@ def table(simulation: Simulation) -> Table:
     """Return published numbers and ours."""
     rows = []
     for experiment in simulation.plan.experiments:
-        for case, c in simulation.compared(experiment):
+        for case, c in simulation.compare_published(experiment):
             ours = c.ours.formatted(3) if c.ours else "–"
             what = f"{ALONE.get(c.published.measure) or WORDS[c.published.measure]}, {c.axis}"
             note = "; ".join(text for text in (c.published.place, c.published.note) if text)
-            rows.append([experiment.name, what, who(case), _printed(c), ours, _verdict(simulation, case, c), note])
+            rows.append([experiment.name, what, who(case), _as_printed(c), ours, _verdict(simulation, case, c), note])
     head = ["experiment", "what", "run", "published", "ours", "difference", "place and note"]
     return Table(head, rows, "Published numbers, with the uncertainty of their sensor where one is known")
 
 
-def counted(simulation: Simulation) -> str:
+def agreement(simulation: Simulation) -> str:
     """Say how many published numbers agree with ours; nothing where the study has none."""
     column = [row[5] for row in table(simulation).rows]
     if not column:
@@ -84,7 +84,7 @@ def who(case: Case) -> str:
     return case.controller if case.variant == AS_MODELLED else f"{case.controller}, {case.variant}"
 
 
-def _printed(compared: Compared) -> str:
+def _as_printed(compared: Compared) -> str:
     sigma = compared.published.uncertainty
     if compared.published.bound:
         return f"< {compared.published.value}"
@@ -97,7 +97,7 @@ def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
         return NOT_COMPARABLE
     if ours is None:
         return NOT_MEASURED
-    if published.measure in _fitted(simulation, case, compared.axis):
+    if published.measure in _fitted_measures(simulation, case, compared.axis):
         return SET
     if not math.isfinite(ours.value):
         return "never settles"
@@ -119,7 +119,7 @@ def _difference(off: float, ours: Quantity) -> str:
     return f"{'-' if off < 0 else '+'}{written.removesuffix(' %')}{' points' if written.endswith(' %') else ''}"
 
 
-def _fitted(simulation: Simulation, case: Case, axis: str) -> tuple[str, ...]:
+def _fitted_measures(simulation: Simulation, case: Case, axis: str) -> tuple[str, ...]:
     """Return the measures that an axis was set to give; none of them for what concerns all axes."""
     axes = simulation.variants[case.variant].axes
     return axes[axis].fitted if axis in axes else ()
@@ -139,7 +139,7 @@ def _damping(simulation: Simulation) -> list[str]:
     words = dict.fromkeys(
         _takes(simulation, case, c)
         for experiment in simulation.plan.experiments
-        for case, c in simulation.compared(experiment)
+        for case, c in simulation.compare_published(experiment)
         if c.published.measure == "settling_time" and not case.pid and not c.published.bound
     )
     return [f"Settling without feedback is a matter of damping. {' '.join(words)}"] if words else []

@@ -30,7 +30,7 @@ CURVES_BYTES, BYTES, POINTS = 2e6, 5.0, (1000, 20000)
 
 
 @dataclass(frozen=True)
-class Made:
+class ReportFacts:
     """When and how a report was made, and which files lie next to it.
 
     Parameters
@@ -47,7 +47,7 @@ class Made:
     files: Sequence[str] = ()
 
 
-def to_html(document: Document, made: Made | None = None) -> str:
+def to_html(document: Document, made: ReportFacts | None = None) -> str:
     """Return one self-contained page, readable in light and dark."""
     live = [figure.live for figure in document.figures if figure.live is not None]
     kinds = {each.kind for each in live}
@@ -59,7 +59,7 @@ def to_html(document: Document, made: Made | None = None) -> str:
         .render(
             document=document,
             body=document.body,
-            embed=_embedded,
+            embed=_embed,
             made=made,
             link=quote,
             asset=asset,
@@ -81,7 +81,7 @@ def _in_script(data: Mapping[str, Any]) -> str:
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def to_markdown(document: Document, made: Made | None = None) -> str:
+def to_markdown(document: Document, made: ReportFacts | None = None) -> str:
     """Return Markdown with tables, figures linked by file name."""
     return _environment().get_template("report.md").render(document=document, made=made, link=quote)
 
@@ -127,7 +127,7 @@ def write(
     """
     contents: dict[str, bytes] = {figure.file: figure.data for figure in document.figures}
     contents |= {name: data.encode() if isinstance(data, str) else data for name, data in others.items()}
-    made = Made(origin.date(), origin.command(), __version__, [*others, "result.json", *links])
+    made = ReportFacts(origin.date(), origin.command(), __version__, [*others, "result.json", *links])
     contents["report.md"] = to_markdown(document, made).encode()
     contents["report.html"] = to_html(document, made).encode()
     contents["result.json"] = (
@@ -150,7 +150,7 @@ def _refusal(folder: Path, error: OSError) -> InputError:
     return InputError("command line", "--out", str(folder), f"cannot be written ({why}); choose another folder")
 
 
-def _embedded(figure: Figure) -> str:
+def _embed(figure: Figure) -> str:
     kind = "image/svg+xml" if figure.file.endswith(".svg") else "image/png"
     return f"data:{kind};base64,{base64.b64encode(figure.data).decode()}"
 

@@ -48,11 +48,11 @@ def text(document: Document, table: Table, *, closing: str = "", is_table_first:
         console.print(Text(printable(document.title), style="bold"))
         _card(console, document)
         if is_table_first:
-            console.print(_drawn(table))
+            console.print(_render(table))
         for paragraph in document.summary:
             console.print(f"{paragraph}\n")
         if not is_table_first:
-            console.print(_drawn(table, wraps=True))
+            console.print(_render(table, wraps=True))
         if closing:
             console.print(closing)
     return capture.get()
@@ -62,7 +62,7 @@ def _card(console: Console, document: Document) -> None:
     """Print the card and the warnings of a report."""
     if document.card:
         rows = [[fact.name, fact.value, fact.note] for fact in document.card]
-        console.print(_drawn(Table(["", "", ""], rows), wraps=True, headed=False))
+        console.print(_render(Table(["", "", ""], rows), wraps=True, headed=False))
     for warning in document.warnings:
         console.print(f"Warning: {printable(warning)}")
     if document.card or document.warnings:
@@ -78,11 +78,11 @@ def plain(table: Table) -> str:
     """Return a table as plain text."""
     console = _console(width=200, no_color=True)
     with console.capture() as capture:
-        console.print(_drawn(table))
+        console.print(_render(table))
     return capture.get()
 
 
-def _drawn(table: Table, *, wraps: bool = False, headed: bool = True) -> RichTable:
+def _render(table: Table, *, wraps: bool = False, headed: bool = True) -> RichTable:
     rich_table = RichTable(
         title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0),
         show_header=headed,

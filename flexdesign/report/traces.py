@@ -75,7 +75,7 @@ class Traces:
         axes = figure.subplots(len(self.rows), 1, sharex=True, squeeze=False)[:, 0]
         for place, curves, ylabel in zip(axes, self.rows, self.ylabels, strict=True):
             for curve in curves:
-                x, y = thinned(curve.x, curve.y, self.limits)
+                x, y = thin_out(curve.x, curve.y, self.limits)
                 style = {"linestyle": (0, (4, 3)), "linewidth": 1.1} if curve.dashed else {"linewidth": 1.4}
                 order = 3 if curve.dashed else 2
                 place.plot(x, y, color=self._colour(curve), label=curve.label, zorder=order, **style)
@@ -109,7 +109,7 @@ class Traces:
                     "label": units.typeset(c.label),
                     "colour": self._colour(c),
                     "dashed": c.dashed,
-                    "y": packed.rounded(row),
+                    "y": packed.quantise(row),
                 }
                 for c, row in zip(curves, rows[:, kept], strict=True)
             ],
@@ -135,7 +135,7 @@ def _groups(curves: Sequence[Curve]) -> list[list[Curve]]:
     return groups
 
 
-def thinned(x: Array, y: Array, limits: tuple[float, float] | None = None) -> tuple[Array, Array]:
+def thin_out(x: Array, y: Array, limits: tuple[float, float] | None = None) -> tuple[Array, Array]:
     """Return a curve with fewer points: of each stretch the first, the lowest, the highest and the last."""
     if limits:
         inside = np.flatnonzero((x >= limits[0]) & (x <= limits[1]))

@@ -113,7 +113,7 @@ class View:
     def payload(self, points: int) -> dict[str, Any]:
         """Return the data of a page; lengths in mm, displacements in µm. It has no curves, and `points` no meaning."""
         first = [next(s.displacement for s in self.states if s.surface == k) for k in range(len(self.surfaces))]
-        merged = [_merged(surface, motion) for surface, motion in zip(self.surfaces, first, strict=True)]
+        merged = [_merge_points(surface, motion) for surface, motion in zip(self.surfaces, first, strict=True)]
         return {
             "toward": self.toward,
             "up": self.up,
@@ -122,12 +122,12 @@ class View:
                 {
                     "name": units.typeset(state.name),
                     "surface": state.surface,
-                    "displacement": packed.rounded(1e6 * state.displacement[merged[state.surface][1]]),
+                    "displacement": packed.quantise(1e6 * state.displacement[merged[state.surface][1]]),
                     "enlarged": state.enlarged,
                     "slider": state.slider,
                     "label": state.label,
                     "unit": state.unit,
-                    "values": None if state.values is None else packed.rounded(state.values[merged[state.surface][1]]),
+                    "values": None if state.values is None else packed.quantise(state.values[merged[state.surface][1]]),
                     "full": units.typeset(state.full),
                     "limit": state.limit,
                 }
@@ -148,7 +148,7 @@ def _surface(surface: Surface) -> dict[str, Any]:
     }
 
 
-def _merged(surface: Surface, motion: FloatArray) -> tuple[Surface, IntArray]:
+def _merge_points(surface: Surface, motion: FloatArray) -> tuple[Surface, IntArray]:
     """Return a surface of the points that its triangles need, each once, and which of the points these are.
 
     Points that lie and move together are one; parts that only touch stay apart.

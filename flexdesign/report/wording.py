@@ -86,7 +86,7 @@ def name_of(quantity: Quantity) -> str:
     return NAMES.get(quantity.name, quantity.name.replace("_", " "))
 
 
-def formatted(quantity: Quantity) -> str:
+def format_quantity(quantity: Quantity) -> str:
     """Write a FEM quantity; exact zeros as such."""
     if quantity.value == 0:
         return "0 (by symmetry)"

@@ -44,7 +44,7 @@ CLOSEST = 2e-3
 #: Most solutions by finite elements.
 MOST = 5
 #: A ratio has settled when it changes by less than this share of every tolerance.
-SETTLED = 0.25
+CONVERGED = 0.25
 #: Residual of a design that cannot be built, in tolerances: far above any other.
 UNBUILDABLE = 1e3
 
@@ -252,7 +252,7 @@ class _Problem:
     def targets(self) -> list[Target]:
         """All targets, in the order of the file."""
         design, sources = self.study.design, self.checked.sources
-        known = self._known(design)
+        known = self._model_values(design)
         found = []
         for kind, asked in (
             ("formulas", self.checked.targets.formulas),
@@ -263,7 +263,7 @@ class _Problem:
                 place = f"targets.{kind}.{key}"
                 if key not in known[kind]:
                     raise InputError(self.path, place, text, f"is not known{suggest(key, list(known[kind]))}")
-                found.append(Target(kind, _asked(text, known[kind][key], self.path, place), sources.get(place, "")))
+                found.append(Target(kind, _parse(text, known[kind][key], self.path, place), sources.get(place, "")))
         return found
 
     def at(self, logs: NDArray[np.float64]) -> Design:
@@ -272,7 +272,7 @@ class _Problem:
         dimensions = {name: dims[name] * float(np.exp(log)) for name, log in zip(self.checked.free, logs, strict=True)}
         return version(self.study.design.file, self.start, dimensions)
 
-    def _known(self, design: Design) -> dict[str, dict[str, Quantity]]:
+    def _model_values(self, design: Design) -> dict[str, dict[str, Quantity]]:
         """Return what the models say of a design, by kind of target and key."""
         stage = design.stage()
         actuator = design.actuator.installed_stiffness if design.actuator else None
@@ -292,7 +292,7 @@ class _Problem:
     def residual(self, logs: NDArray[np.float64], targets: Sequence[Target], ratio: Mapping[str, float]) -> Any:
         """Return how far each target is missed, in tolerances, then how far each dimension moved, in priors."""
         try:
-            known = self._known(self.at(logs))
+            known = self._model_values(self.at(logs))
         except (InputError, ValueError):
             return np.full(len(targets) + len(logs), UNBUILDABLE)
         missed = []
@@ -304,12 +304,12 @@ class _Problem:
 
     def rows(self, design: Design, computed: Mapping[str, Quantity], targets: Sequence[Target]) -> list[Row]:
         """Return targets and what formulas and finite elements give for a design."""
-        known = {**self._known(design), "elements": dict(computed)}
+        known = {**self._model_values(design), "elements": dict(computed)}
         return [Row(target, known[target.kind][_key(target)]) for target in targets]
 
     def ratio(self, design: Design, computed: Mapping[str, Quantity]) -> dict[str, float]:
         """Return finite elements over the compliance model, for what is asked of the former."""
-        model = self._known(design)["elements"]
+        model = self._model_values(design)["elements"]
         return {key: computed[key].value / model[key].value for key in self.checked.targets.elements}
 
 
@@ -323,13 +323,13 @@ def _search(problem: _Problem, solver: Solver, progress: Progress) -> StageSizin
     for number in range(1, checked.iterations + 1):
         progress(f"solution {number}: fitting {len(logs)} dimensions to {len(targets)} targets by formulas")
         logs = least_squares(problem.residual, logs, x_scale=0.1, max_nfev=100, args=(targets, ratio)).x
-        design = _rounded(problem, logs)
+        design = _round_dimensions(problem, logs)
         computed = dict(solver(design))
         ratios.append(problem.ratio(design, computed))
         changes = [abs(ratios[-1][key] / ratio.get(key, 1.0) - 1) / tolerances[key] for key in tolerances]
         progress(f"solution {number}: finite elements differ by {max(changes, default=0.0):.2g} tolerances")
         ratio = dict(ratios[-1])
-        if max(changes, default=0.0) <= SETTLED:
+        if max(changes, default=0.0) <= CONVERGED:
             break
     asked = {_key(target) for target in targets if target.kind == "elements"}
     return StageSizing(
@@ -346,7 +346,7 @@ def _search(problem: _Problem, solver: Solver, progress: Progress) -> StageSizin
     )
 
 
-def _rounded(problem: _Problem, logs: NDArray[np.float64]) -> Design:
+def _round_dimensions(problem: _Problem, logs: NDArray[np.float64]) -> Design:
     """Return the design with its free dimensions in whole micrometres, as a drawing has them."""
     design, names = problem.at(logs), problem.checked.free
     rounded = {name: round(design.dimensions[name], 6) for name in names}
@@ -366,7 +366,7 @@ def _elements(study: studies.Study, cache: Cache, progress: Progress) -> Solver:
 # --- reading and writing
 
 
-def _asked(text: str, like: Quantity, path: Path, place: str) -> Quantity:
+def _parse(text: str, like: Quantity, path: Path, place: str) -> Quantity:
     """Read a target such as "18.3 N/mm", known to half a unit of its last digit, or "238 ± 4 um"."""
     number, _, spread = (each.strip() for each in text.partition("±"))
     unit = (spread or number).lstrip("+-.0123456789eE").strip()

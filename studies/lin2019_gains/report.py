@@ -151,7 +151,7 @@ def _candidates(findings: Sequence[Findings]) -> Section:
             [_along(f, [f.axis.mass_of(p) / f.axis.mass for p in f.credible]) for f in findings],
         ),
     ]
-    drawing = charts.stacked(panels, "loop delay [ms]")
+    drawing = charts.stack_panels(panels, "loop delay [ms]")
     figure = Figure("family.svg", drawing, "One row of gains, many plants; drawn where the printed gains are stable")
     return Section("Which plants the printed gains can belong to", text, [Table(head, rows, caption)], [figure])
 
@@ -242,7 +242,7 @@ def _measurement(findings: Sequence[Findings]) -> Section:
         rows.append(
             [
                 found.axis.name,
-                f"{n(comparison.telling_difference, 3)} deg at {n(comparison.telling_frequency, 3)} Hz",
+                f"{n(comparison.largest_phase_difference, 3)} deg at {n(comparison.best_frequency, 3)} Hz",
                 f"{n(one.nearest, 2)} deg",
                 f"{n(one.spread_at_oscillation, 2)} deg at {n(one.oscillation, 4)} Hz",
                 f"{n(one.per_tenth, 2)} deg at {n(one.oscillation / 2, 3)} Hz",
@@ -276,7 +276,7 @@ def _bode(found: Findings) -> Figure:
     names = [candidate.label for candidate in found.stable]
     marks = [
         charts.Mark("oscillation", 1 / found.axis.target.period),
-        charts.Mark("farthest apart", found.comparison.telling_frequency),
+        charts.Mark("farthest apart", found.comparison.best_frequency),
     ]
     magnitude = [np.abs(plant.response(grid)).tolist() for plant in plants]
     drawing = charts.bode(names, grid.tolist(), magnitude, [plant.phase(grid).tolist() for plant in plants], marks)

@@ -34,8 +34,8 @@ def _axis_result(found: Findings) -> dict[str, Any]:
         "lowest_natural_frequency": _value(frequency_bound(axis), "Hz"),
         "largest_damping_ratio": damping_bound(axis),
         "longest_stable_delay": _value(found.limit.delay, "s"),
-        "telling_phase": _value(found.comparison.telling_difference, "deg")
-        | {"frequency": _value(found.comparison.telling_frequency, "Hz")},
+        "telling_phase": _value(found.comparison.largest_phase_difference, "deg")
+        | {"frequency": _value(found.comparison.best_frequency, "Hz")},
         "candidates": [_candidate_result(axis, candidate) for candidate in found.candidates],
         "family": [
             {

@@ -24,7 +24,7 @@ from flexdesign.report.diagnosis.table_text import effect_name
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.validation.hierarchy_section import SYMBOLS
 from flexdesign.workflows.validation import model_hierarchy
-from flexdesign.workflows.validation.model_hierarchy import Ladder
+from flexdesign.workflows.validation.model_hierarchy import ModelHierarchy
 from studies.error_bars import trial
 from studies.error_bars.designs import SEED, Drawn, designs
 
@@ -40,7 +40,7 @@ class Compared:
     """One design by theory and by FEM: its ladder, and the relative estimate of FEM's own error by quantity."""
 
     drawn: Drawn
-    ladder: Ladder
+    ladder: ModelHierarchy
     estimates: Mapping[str, float]
 
 

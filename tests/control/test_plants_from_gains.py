@@ -81,10 +81,10 @@ def test_a_frequency_response_tells_them_apart() -> None:
     # The hold costs half a sample of phase, about 22.6 deg, so the continuous plants are near -157 deg there ...
     assert np.ptp(ultimate_phase) < 3
     # ... but far from each other between and above the resonances.
-    assert told.telling_difference > 90
-    assert f"{told.telling_difference:.3g} deg" in told.says()
+    assert told.largest_phase_difference > 90
+    assert f"{told.largest_phase_difference:.3g} deg" in told.says()
     i = int(np.argmax(np.ptp(told.phase, axis=0)))
-    assert told.frequencies[i] == told.telling_frequency
+    assert told.frequencies[i] == told.best_frequency
 
 
 def test_what_implies_nothing_is_refused() -> None:

@@ -14,7 +14,7 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import DELAY, AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import changed
+from flexdesign.dynamics.axis.axis_parameters import with_values
 from flexdesign.dynamics.axis.axis_run import command_column, doubts, of_axis
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.dynamics.stage_model import AxisModel, Driver, Mode, Sensor
@@ -172,7 +172,7 @@ def test_ranges_scale_with_gain_and_voltage() -> None:
 
 def test_a_new_frequency_keeps_the_stiffness() -> None:
     axis = AxisModel(lumped_frequency(0.0342, 18.3e3), 0.03, 2e-6, mass=0.0342, stiffness=18.3e3)
-    found = changed(axis, {"natural_frequency": 100.0})
+    found = with_values(axis, {"natural_frequency": 100.0})
     assert found.stiffness == 18.3e3 and found.mass is not None
     assert lumped_frequency(found.mass, found.stiffness) == pytest.approx(100.0)
 
@@ -181,9 +181,9 @@ def test_every_number_can_be_changed() -> None:
     model = AxisDynamics("x", FULL)
     for name in [p.name for p in model.parameters()]:
         assert {p.name: p.start for p in model.replace({name: 0.25}).parameters()}[name] == 0.25
-    assert changed(FULL, {"modes.1.share": 0.25}).modes[0].share == 0.25
+    assert with_values(FULL, {"modes.1.share": 0.25}).modes[0].share == 0.25
     with pytest.raises(KeyError):
-        changed(FULL, {"gian": 1.0})
+        with_values(FULL, {"gian": 1.0})
 
 
 def test_an_effect_is_added_at_the_scale_of_the_stroke() -> None:
@@ -279,7 +279,7 @@ SLOW = Driver(gain=15.0, bandwidth=40.0, slew=4000.0, limits=(0.0, 90.0))
 def through_the_amplifier() -> Response:
     """The engine by hand: commands up to 8 V, 120 V without limits, 2 ms late."""
     axis = replace(FULL, driver=SLOW)
-    limits = {"x": stages.limits(axis)}
+    limits = {"x": stages.command_limits(axis)}
     chain = Stage((stages.chain("x", axis),), limits=limits)
     return simulate(chain, {"x": Loop(wave() / 15)}, PERIOD, delay=2e-3, between_samples="linear", tolerance=1e-8)
 

@@ -63,8 +63,8 @@ def test_without_such_effects_it_is_the_engine_alone() -> None:
 def test_what_experiments_do_not_have_is_said() -> None:
     axis = with_effects(PLAIN, thermal_expansion={"coefficient": 1e-6}, abbe_error={"linear": 0.01})
     alone, two = StageModel({"x": axis}), StageModel({"x": axis, "y": PLAIN})
-    assert disturbances.left_out(alone, "x") == [
+    assert disturbances.inactive_disturbances(alone, "x") == [
         "thermal expansion needs a record of T, which is not there: it adds nothing here.",
         "abbe error needs another axis, which is not there: it adds nothing here.",
     ]
-    assert len(disturbances.left_out(two, "x")) == 1 and not disturbances.left_out(two, "y")
+    assert len(disturbances.inactive_disturbances(two, "x")) == 1 and not disturbances.inactive_disturbances(two, "y")

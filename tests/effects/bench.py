@@ -46,7 +46,7 @@ def respond(given: Mapping[str, Values], command: Array = COMMAND, base: AxisMod
     """Run the axis with effects, those that are numbers of the stage model among them."""
     delay = 0.0
     for name, values in given.items():
-        owner, _, number = fields.ELSEWHERE.get(name, "").rpartition(".")
+        owner, _, number = fields.AXIS_FIELDS.get(name, "").rpartition(".")
         (value,) = values.values() if owner else (0.0,)
         if owner == "controller":
             delay = value

@@ -66,7 +66,7 @@ def test_an_effect_states_everything_a_user_needs(name: str) -> None:
     assert any(p.null is not None for p in effect.parameters) and effect.parameters[0].null is not None
     assert not effect.cautions(start(name))
     assert set(effect.confused_with) <= set(NAMES) - {name}
-    assert effect.faces or name in fields.ELSEWHERE
+    assert effect.faces or name in fields.AXIS_FIELDS
 
 
 @pytest.mark.parametrize("name", NAMES)

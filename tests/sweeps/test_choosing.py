@@ -66,7 +66,7 @@ def test_limits_are_read_in_the_unit_of_their_quantity() -> None:
     assert upper.is_satisfied(answers).tolist() == [False, True, False]
     assert pareto.feasible(answers, [upper, size]).tolist() == [1]
     assert pareto.feasible(answers, []).tolist() == [0, 1]
-    assert pareto.ranked(answers, np.arange(3), Aim("|K_output_free|", True)).tolist() == [1, 0]
+    assert pareto.rank(answers, np.arange(3), Aim("|K_output_free|", True)).tolist() == [1, 0]
     with pytest.raises(InputError, match=r"limits\.K_output_free = 1 mm"):
         Limit.read("K_output_free", "< 1 mm", Path("s")).is_satisfied(answers)
     with pytest.raises(InputError, match="write < or >"):

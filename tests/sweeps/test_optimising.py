@@ -82,7 +82,7 @@ def test_a_headline_says_that_an_optimum_misses_the_accuracy_asked_for(
         return [replace(q, half_width=0.02 * abs(q.value)) if q.name == "K_in" else q for q in found]
 
     monkeypatch.setattr(optimising, "by_elements", unsure)
-    monkeypatch.setattr(optimising, "further_quantities", lambda *_: [])
+    monkeypatch.setattr(optimising, "strength_and_modes", lambda *_: [])
     plan(tmp_path)
     for asked, is_said in (('mesh.accuracy="1 %"', True), ('mesh.accuracy="3 %"', False)):
         found = optimising.optimise(sweeps.read(tmp_path / "study.toml", [asked]))
@@ -101,7 +101,7 @@ def test_formulas_that_are_off_are_corrected_until_both_agree(tmp_path: Path, mo
         return evaluators.by_formulas(replace(made, dimensions={**made.dimensions, "hinge_thickness": t}), "PRB")
 
     monkeypatch.setattr(optimising, "by_elements", thicker)
-    monkeypatch.setattr(optimising, "further_quantities", lambda *_: [])
+    monkeypatch.setattr(optimising, "strength_and_modes", lambda *_: [])
     found = optimising.optimise(plan(tmp_path))
     alone = optimising.optimise(plan(tmp_path), check=False)
     assert 1 < len(found.rounds) <= optimising.ROUNDS

@@ -175,17 +175,17 @@ def test_a_finer_grid_computes_what_is_missing(tmp_path: Path) -> None:
 def test_what_changes_an_answer_changes_its_key(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = sweeps.read(study)
     cases = plan.cases()[:2]
-    first, second = (question.key for question in execution.asked(plan, cases))
+    first, second = (question.key for question in execution.requests_of(plan, cases))
     assert first != second
     for other in (
         sweeps.read(study, ["material=Ti-6Al-4V"]),
         sweeps.read(study, ["dimensions.width=19 mm"]),
         sweeps.read(study, ["evaluator=pseudo-rigid"]),
     ):
-        assert execution.asked(other, cases)[0].key != first
-    assert execution.asked(sweeps.read(study, ["sample.seed=7"]), cases)[0].key == first
+        assert execution.requests_of(other, cases)[0].key != first
+    assert execution.requests_of(sweeps.read(study, ["sample.seed=7"]), cases)[0].key == first
     monkeypatch.setitem(execution.ANSWERING, "analytic", ("analytic/*.py",))
-    assert execution.asked(plan, cases)[0].key != first
+    assert execution.requests_of(plan, cases)[0].key != first
 
 
 def test_the_sources_of_an_answer_are_files_that_are_there() -> None:

@@ -110,7 +110,7 @@ def test_a_stage_changed_in_memory_is_one_changed_in_its_file(tmp_path: Path) ->
     (tmp_path / "stage.toml").write_text(STAGE)
     changes = ["axis.x.mass*=1.5", "axis.x.effects.creep.per_decade=0.02", "controller.rate=10 kHz"]
     read = stage_model.read(tmp_path / "stage.toml")
-    assert stage_model.changed(read, changes) == stage_model.read(tmp_path / "stage.toml", changes)
+    assert stage_model.with_overrides(read, changes) == stage_model.read(tmp_path / "stage.toml", changes)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_finite_elements_make_the_stage_of_a_design(tmp_path: Path) -> None:
     validated = validate(study.read("bridge_amplifier", [*overrides, "output.large_steps=0"]), Cache(tmp_path))
     assert validated.stage_model is not None
     for place, damping in enumerate((0.02, 0.1)):
-        stage = stage_model.changed(validated.stage_model, [f"axis.y.damping_ratio={damping}"])
+        stage = stage_model.with_overrides(validated.stage_model, [f"axis.y.damping_ratio={damping}"])
         plan = experiments.read(tmp_path / "step.toml", ["y"])
         (run,) = simulation.run(stage, {}, plan, lambda _: None).cases
         measured = {quantity.name: quantity.value for quantity in run.measures["y"]}

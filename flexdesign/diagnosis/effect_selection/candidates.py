@@ -15,7 +15,7 @@ from flexdesign.core.model import Effect, Model, Parameter, Resonance
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, of_catalogue
-from flexdesign.dynamics.axis.axis_run import acts_ahead_of_stack
+from flexdesign.dynamics.axis.axis_run import acts_before_stack
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
 
@@ -88,13 +88,13 @@ def candidates(
     left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE, *(() if swings else INERTIAL))
     several = [each for name in effects.names() for each in effects.again(name)]
     for name in (*effects.names(), *several, *more):
-        if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):
+        if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effects.find(name))):
             continue
         if name == READS_LATE and not at_stack:  # elsewhere no recording distinguishes it from a delay of the command
             continue
         if band is not None and not spectrum.shows(effects.find(name)):
             continue
-        number = fields.ELSEWHERE.get(name)
+        number = fields.AXIS_FIELDS.get(name)
         present = {p.name: p.start for p in model.parameters()}
         if number is not None and present[number] not in (0.0, math.inf):
             continue

@@ -112,7 +112,7 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
         effect = effects.find(name)
     except ValueError as error:
         raise InputError("command line", "effect", name, str(error)) from None
-    elsewhere = fields.ELSEWHERE.get(name)
+    elsewhere = fields.AXIS_FIELDS.get(name)
     if not elsewhere and all(isinstance(face, Term) for face in effect.faces):
         remedy = "acts on static formulas alone; choose one that an experiment in time shows"
         raise InputError("command line", "effect", name, remedy)
@@ -175,7 +175,7 @@ def inertia(model: AxisDynamics) -> tuple[float, float]:
     The drive is a force, so that the static gain is in proportion to the compliance, and the mass follows from it and
     the natural frequency.
     """
-    now, axis = stages.adjusted(model.axis), model.axis
+    now, axis = stages.main_mode(model.axis), model.axis
     compliance = now["gain"] / axis.gain
     return 1.0 / (compliance * (now["natural_frequency"] / axis.natural_frequency) ** 2), compliance
 

@@ -169,7 +169,7 @@ def refuse_unlimited(model: StageModel, name: str, limits: Limits) -> None:
 
 
 def _volts(axis: AxisModel, name: str, file: str, asked: Asked, origin: dict[str, str]) -> tuple[float, float]:
-    low, high = stages.limits(axis)
+    low, high = stages.command_limits(axis)
     origin["volts"] = f"axis.{name}.actuator.voltage_range and driver.limits"
     if asked.volts is not None:
         first, last = asked.volts

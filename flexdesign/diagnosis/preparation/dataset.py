@@ -184,7 +184,7 @@ class DiagnosisData:
         driven = [float(np.abs(run.command()).max()) for run in self.runs]
         driven += [abs(each.bias) + (each.amplitude or 0.0) for each in self.responses]
         if not self.runs:
-            driven += [abs(limit) for limit in stages.limits(self.axis) if math.isfinite(limit)] or [UNLIMITED]
+            driven += [abs(limit) for limit in stages.command_limits(self.axis) if math.isfinite(limit)] or [UNLIMITED]
         return max(driven) or 1.0
 
     @property

@@ -11,7 +11,7 @@ from flexdesign.dynamics.stage_model import StageModel, fields
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 
-def choose_axis(model: StageModel, runs: Sequence[Run | FrequencyResponse], asked: str | None) -> str:
+def choose_axis(model: StageModel, runs: Sequence[Run | FrequencyResponse], requested: str | None) -> str:
     """Return the axis that is meant.
 
     Raises
@@ -20,10 +20,12 @@ def choose_axis(model: StageModel, runs: Sequence[Run | FrequencyResponse], aske
         If it is unknown, or several could be meant.
     """
     known = list(model.axes)
-    if asked is not None:
-        if asked not in known:
-            raise InputError("command line", "--axis", asked, f"the model has no such axis{suggest(asked, known)}")
-        return asked
+    if requested is not None:
+        if requested not in known:
+            raise InputError(
+                "command line", "--axis", requested, f"the model has no such axis{suggest(requested, known)}"
+            )
+        return requested
     common = [name for name in known if all(name in run.responses for run in runs)]
     if len(common) == 1:
         return common[0]
@@ -34,7 +36,7 @@ def choose_axis(model: StageModel, runs: Sequence[Run | FrequencyResponse], aske
     raise InputError("command line", "--axis", None, f"{why}; write {choice}")
 
 
-def checked_numbers(dynamics: AxisDynamics, asked: Sequence[str]) -> tuple[str, ...]:
+def require_parameters(dynamics: AxisDynamics, requested: Sequence[str]) -> tuple[str, ...]:
     """Return the names of numbers that are asked for, each one that the prediction of a run depends on.
 
     Raises
@@ -43,14 +45,14 @@ def checked_numbers(dynamics: AxisDynamics, asked: Sequence[str]) -> tuple[str, 
         If there is none, or one is unknown, named twice, or does not act; the message says what to write.
     """
     known = [parameter.name for parameter in dynamics.parameters()]
-    if not asked:
+    if not requested:
         raise InputError("command line", "--free", None, f"name what is to be fitted; there are {', '.join(known)}")
-    for name in asked:
+    for name in requested:
         owner = name.partition(".")[0]
         if name in known:
             continue
-        if owner in fields.ELSEWHERE:
-            remedy = f"is {fields.ELSEWHERE[owner]} of the axis; write --free {fields.ELSEWHERE[owner]}"
+        if owner in fields.AXIS_FIELDS:
+            remedy = f"is {fields.AXIS_FIELDS[owner]} of the axis; write --free {fields.AXIS_FIELDS[owner]}"
         elif f"controller.{name}" in known:
             remedy = f"is no number of the axis but of its controller; write --free controller.{name}"
         elif name in ("mass", "stiffness"):
@@ -62,6 +64,6 @@ def checked_numbers(dynamics: AxisDynamics, asked: Sequence[str]) -> tuple[str, 
         else:
             remedy = f"is not a number of this axis{suggest(name, known)}"
         raise InputError("command line", "--free", name, remedy)
-    if len(set(asked)) < len(asked):
-        raise InputError("command line", "--free", ",".join(asked), "names a number twice")
-    return tuple(asked)
+    if len(set(requested)) < len(requested):
+        raise InputError("command line", "--free", ",".join(requested), "names a number twice")
+    return tuple(requested)

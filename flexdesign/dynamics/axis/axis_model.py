@@ -22,8 +22,8 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Block, Effect, Observation, Parameter
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_parameters, axis_response
-from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER, changed, loaded
-from flexdesign.dynamics.axis.axis_run import behind_amplifier, command_of, is_at_stack, smooth_way, span
+from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER, with_payload, with_values
+from flexdesign.dynamics.axis.axis_run import command_of, is_at_stack, smooth_way, span, without_amplifier
 from flexdesign.dynamics.signal_chain.chain import AxisChain
 from flexdesign.dynamics.signal_chain.step_count import Steps
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
@@ -38,7 +38,7 @@ TOLERANCE = 1e-7
 #: Below this share of the tolerance a prediction is exact, and needs no margin.
 EXACT = 1e-3
 #: A mode at half its damping has decayed to this share of the first command's response before a record begins.
-SETTLED = 1e-4
+DECAYED = 1e-4
 #: A response that moves by more than this share of its span, while its command stands still, rings from before.
 RINGS = 0.05
 #: A command that moves less than this share of its span in the first period of the mode stands still.
@@ -48,8 +48,8 @@ LONGEST_LEAD = 1000.0
 #: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
 REVERSALS = {"turn.1": 0.75, "turn.2": 0.1}
 #: Where a search tries them, where commands have one sign, and where they have both.
-TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
-TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
+TRIAL_REVERSALS = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
+TRIAL_REVERSALS_BIPOLAR = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
 #: Range of the turning voltages, over the largest command: a stage may have been driven further before the record.
 TURNED_WITHIN = 2.0
 #: Where a search tries a phase [rad]: from the opposite one a fit goes nowhere.
@@ -139,11 +139,11 @@ class AxisDynamics:
         """
         numbers = {**self.axis.numbers, DELAY: self.delay}
         every = axis_parameters.of(self.first, self.axis, self.max_command)
-        made = [replace(p, start=numbers.get(p.name, p.start), **self._shown(p)) for p in every]
+        made = [replace(p, start=numbers.get(p.name, p.start), **self._observable_range(p)) for p in every]
         made = [replace(p, twin=p.name) if p.name in self.by_run else p for p in made]
         return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
 
-    def _shown(self, parameter: Parameter) -> dict[str, Any]:
+    def _observable_range(self, parameter: Parameter) -> dict[str, Any]:
         """Return ranges without frequencies that the samples cannot show.
 
         An undamped mode at the sampling rate would remember every step of a held command, and pass for hysteresis.
@@ -162,7 +162,7 @@ class AxisDynamics:
         own = self.own.get(run, {})
         trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, TRIGGERED_WITHIN)
         # Of both signs, also where commands have one sign: nobody knows how a stage came to rest.
-        farthest, tried = TURNED_WITHIN * self.max_command, TRIED_BOTH if self.bipolar else TRIED
+        farthest, tried = TURNED_WITHIN * self.max_command, TRIAL_REVERSALS_BIPOLAR if self.bipolar else TRIAL_REVERSALS
         before, range_ = "where the voltage had turned before the record", (-farthest, farthest)
         turns = (
             Parameter(name, "V", "V", before, None, share * self.max_command, range_, screen=self._shares(tried[name]))
@@ -184,7 +184,7 @@ class AxisDynamics:
             run, colon, number = name.rpartition(":")
             if colon:
                 own.setdefault(run, {})[number] = value
-        axis, delay = changed(self.axis, shared), values.get(DELAY, self.delay)
+        axis, delay = with_values(self.axis, shared), values.get(DELAY, self.delay)
         return replace(self, axis=axis, origin=self.first, delay=delay, own=own)
 
     def set_apart(self, runs: Iterable[str]) -> AxisDynamics:
@@ -219,7 +219,7 @@ class AxisDynamics:
             If the axis has it already, or the catalogue does not.
         """
         name = name or effect.name
-        number = units_of.ELSEWHERE.get(name)
+        number = units_of.AXIS_FIELDS.get(name)
         if number is not None:
             start = effect.parameters[0].start
             assert start is not None
@@ -256,10 +256,10 @@ class AxisDynamics:
 
     def response(self, measured: FrequencyResponse, frequencies: Array | None = None) -> NDArray[np.complex128]:
         """Return the response about the working point of a measured one, at its lines or other ones [response/V]."""
-        axis = loaded(self.first, self.axis, measured.payload)
-        axis = axis if measured.command_is == "dac" else behind_amplifier(axis)
+        axis = with_payload(self.first, self.axis, measured.payload)
+        axis = axis if measured.command_is == "dac" else without_amplifier(axis)
         chain = self._chain if axis is self.axis else self._chain_of(axis)
-        return axis_response.predicted(chain, measured, self.delay, frequencies, axis.sensor.delay)
+        return axis_response.predict(chain, measured, self.delay, frequencies, axis.sensor.delay)
 
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need, but not too many."""
@@ -268,7 +268,7 @@ class AxisDynamics:
 
         def find() -> int:
             first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)
-            found = first._simulated(run, None)
+            found = first._simulate(run, None)
             return min(found.substeps * (self.margin if found.error > EXACT * self.tolerance else 1), self.finest)
 
         return min(self.steps.of(run, find), self.finest)
@@ -281,7 +281,7 @@ class AxisDynamics:
 
     def cut(self, run: Run) -> float:
         """Return how much the limits cut off the recorded command at most [V]."""
-        return float(np.abs(self.command(run) - self._limited(run)).max())
+        return float(np.abs(self.command(run) - self._limit_command(run)).max())
 
     def unknown_start(self, run: Run) -> int:
         """Return how many samples at the start of a run depend on what happened before; zero if it begins settled.
@@ -315,27 +315,27 @@ class AxisDynamics:
     # --- simulation ----------------------------------------------------------------------------------------------
 
     def _reading(self, run: Run, steps: int) -> Array:
-        found, n = self._simulated(run, steps), len(run.time)
+        found, n = self._simulate(run, steps), len(run.time)
         return found.reading[0, -n:] if found.diverged is None else np.full(n, np.nan)
 
-    def _limited(self, run: Run) -> Array:
+    def _limit_command(self, run: Run) -> Array:
         """Return the command of a run within the limits; none act on what was measured behind them."""
-        return self.command(run) if is_at_stack(run) else np.clip(self.command(run), *stages.limits(self.axis))
+        return self.command(run) if is_at_stack(run) else np.clip(self.command(run), *stages.command_limits(self.axis))
 
-    def _simulated(self, run: Run, steps: int | None) -> Response:
+    def _simulate(self, run: Run, steps: int | None) -> Response:
         own = self.own.get(run.name, {})
         at_stack = is_at_stack(run)
         # Where a stage came from before a record, which is all hysteresis, may lie beyond the limits of the record.
         # A reading that is late is that of a command as late: what is between them does not change in time.
         late = (0.0 if at_stack else self.delay) + self.axis.sensor.delay
-        command, delay = self._limited(run), late + own.get(TRIGGER, 0.0)
+        command, delay = self._limit_command(run), late + own.get(TRIGGER, 0.0)
         lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *REVERSALS)}
         more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
-        axis = loaded(self.first, changed(self.axis, more), run.payload)
-        axis = behind_amplifier(axis) if at_stack else axis
+        axis = with_payload(self.first, with_values(self.axis, more), run.payload)
+        axis = without_amplifier(axis) if at_stack else axis
         return simulate(
             Stage((self._chain if axis is self.axis else self._chain_of(axis),)),
             {self.name: Loop(command)},
@@ -357,7 +357,7 @@ class AxisDynamics:
         if run.name not in self.apart:
             if first == 0:
                 return np.zeros(0)
-            return np.full(math.ceil(self._decay(SETTLED, 0.5 * self.first.damping_ratio) / run.period), first)
+            return np.full(math.ceil(self._decay(DECAYED, 0.5 * self.first.damping_ratio) / run.period), first)
         turns = [0.0, *(own.get(name, share * self.max_command) for name, share in REVERSALS.items()), first]
         samples = max(8, math.ceil(PERIODS_OF_A_WAY / (self.first.natural_frequency * run.period)))
         return np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)])
@@ -382,7 +382,7 @@ class AxisDynamics:
 
     @cached_property
     def _is_disturbed(self) -> bool:
-        return stages.is_disturbed(self.axis)
+        return stages.has_disturbance(self.axis)
 
     @cached_property
     def _chain(self) -> AxisChain:

@@ -152,7 +152,7 @@ def _power(base: str, si: str) -> int:
     return total
 
 
-def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
+def with_values(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     """Return an axis with some of its numbers replaced, by their dotted names, SI.
 
     A new natural frequency keeps the stiffness and changes the mass; of a further mode all numbers are its own.
@@ -182,7 +182,7 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=changed_effects)
 
 
-def loaded(first: AxisModel, axis: AxisModel, payload: float) -> AxisModel:
+def with_payload(first: AxisModel, axis: AxisModel, payload: float) -> AxisModel:
     """Return an axis with a known mass added [kg]; without a mass of its own nobody knows what that does.
 
     Parameters
@@ -196,7 +196,7 @@ def loaded(first: AxisModel, axis: AxisModel, payload: float) -> AxisModel:
         return axis
     extra = axis.effects.get("payload_mass", {}).get("ratio", 0.0)
     slower = 1 / math.sqrt(1 + payload / (first.mass * (1 + extra)))
-    return changed(
+    return with_values(
         axis,
         {
             "natural_frequency": slower * axis.natural_frequency,

@@ -60,7 +60,7 @@ def _refuse_wrong_unit(response: FrequencyResponse, name: str, axis: AxisModel) 
         raise InputError(response.name, name, f"{seen:.3g} {response.si}/V", remedy)
 
 
-def predicted(
+def predict(
     chain: AxisChain,
     measured: FrequencyResponse,
     delay: float,

@@ -156,19 +156,19 @@ def command_of(run: Run, name: str, amplifier: float) -> Array:
     return values / amplifier if is_at_stack(run) and amplifier != 1 else values
 
 
-def acts_ahead_of_stack(effect: Effect) -> bool:
+def acts_before_stack(effect: Effect) -> bool:
     """Tell whether an effect acts on the command or in the amplifier alone.
 
-    >>> [acts_ahead_of_stack(effects.find(name)) for name in ("driver_slew", "transport_delay", "creep")]
+    >>> [acts_before_stack(effects.find(name)) for name in ("driver_slew", "transport_delay", "creep")]
     [True, True, False]
     """
     margin = [isinstance(face, Block) and face.socket in (Socket.COMMAND, Socket.DRIVER) for face in effect.faces]
     return effect.name == DELAY or (bool(margin) and all(margin))
 
 
-def behind_amplifier(axis: AxisModel) -> AxisModel:
+def without_amplifier(axis: AxisModel) -> AxisModel:
     """Return an axis with an amplifier that does nothing but amplify, and without other effects ahead of the stack."""
-    behind = {name: v for name, v in axis.effects.items() if not acts_ahead_of_stack(effects.find(name))}
+    behind = {name: v for name, v in axis.effects.items() if not acts_before_stack(effects.find(name))}
     return replace(axis, driver=Driver(gain=axis.driver.gain), effects=behind)
 
 

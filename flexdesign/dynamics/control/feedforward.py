@@ -41,7 +41,7 @@ def inverse(wanted: Array, gain: float, hysteresis: Mapping[str, float] | None) 
     if not abs(gain) > hysteresis["a"]:
         raise ValueError("the hysteresis is steeper than the gain (a >= k_v): there is no inverse")
     constants = [abs(gain), *bouc_wen.constants(hysteresis, 0.0)]
-    return math.copysign(1.0, gain) * kernels.ticked(bouc_wen.invert, wanted, 2, constants)
+    return math.copysign(1.0, gain) * kernels.run_ticks(bouc_wen.invert, wanted, 2, constants)
 
 
 def advance(wanted: Array, period: float, lead: float) -> Array:

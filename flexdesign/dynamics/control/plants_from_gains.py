@@ -63,23 +63,23 @@ class Comparison:
         Of the plants, delay included [reading per command]; candidates x m.
     phase
         Likewise [deg], not wrapped.
-    telling_frequency
+    best_frequency
         Where the phases lie farthest apart [Hz].
-    telling_difference
+    largest_phase_difference
         How far [deg].
     """
 
     frequencies: Array
     magnitude: Array
     phase: Array
-    telling_frequency: float
-    telling_difference: float
+    best_frequency: float
+    largest_phase_difference: float
 
     def says(self) -> str:
         """Return where a frequency response distinguishes the candidates."""
         return (
-            f"The phases of the candidates lie farthest apart at {to_text(self.telling_frequency, 'Hz', 3)}: "
-            f"{significant(self.telling_difference, 3)} deg."
+            f"The phases of the candidates lie farthest apart at {to_text(self.best_frequency, 'Hz', 3)}: "
+            f"{significant(self.largest_phase_difference, 3)} deg."
         )
 
 

@@ -197,7 +197,7 @@ class _Search:
     def cost(self, pid: PID) -> float:
         """Return the worst ITAE of the family, with a steep penalty above the limit of the sensitivity."""
         own = pid.realised(self.period)
-        itae = max(self._itae(_closed(stage, own)) for stage in self.stages)
+        itae = max(self._itae(_close_loop(stage, own)) for stage in self.stages)
         peak = float(np.max(np.abs(1 / (1 + _regulator(own, self.angles) * self.responses))))
         above = max(0.0, peak - self.limit)
         return itae * (1 + 100 * above) + 100 * above**2
@@ -216,7 +216,7 @@ class _Search:
         return float(error @ np.arange(len(error))) * step**2
 
 
-def _closed(stage: Sampled, own: Realised) -> _Closed:
+def _close_loop(stage: Sampled, own: Realised) -> _Closed:
     n, m = len(stage.a), len(own.a)
     command = np.concatenate([own.d_reading * stage.c, own.c, [own.d_reference]])
     a = np.zeros((n + m + 1, n + m + 1))

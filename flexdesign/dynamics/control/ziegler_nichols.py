@@ -124,7 +124,7 @@ def by_experiment(
     gain, frequency = start, math.nan
     for _ in range(tries):
         record = np.asarray(respond(gain), dtype=float)
-        motion = _judged(record, period, noise)
+        motion = _late_oscillation(record, period, noise)
         if motion.growth < -max(STEADY * motion.frequency, 3 * motion.growth_error):
             low = gain
         else:
@@ -138,7 +138,7 @@ def by_experiment(
     raise InputError("experiment", "start", start, f"no ultimate gain was found: the oscillation {what}")
 
 
-def _judged(record: Array, period: float, noise: float) -> Oscillation:
+def _late_oscillation(record: Array, period: float, noise: float) -> Oscillation:
     """Return the late oscillation; growth is infinite, of either sign, where there is no sinusoid to measure."""
     if not np.all(np.isfinite(record)):
         return Oscillation(1.0, math.inf, 0.0, math.inf)

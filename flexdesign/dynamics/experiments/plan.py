@@ -123,7 +123,7 @@ class Published(Table):
 
     @field_validator("measure")
     @classmethod
-    def _is_known(cls, measure: str) -> str:
+    def _require_known(cls, measure: str) -> str:
         if measure not in MEASURES:
             raise ValueError(f"is not a known measure{suggest(measure, list(MEASURES))}")
         return measure

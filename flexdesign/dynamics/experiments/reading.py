@@ -134,10 +134,10 @@ def _experiment(given: Any, number: int, path: Path) -> Experiment:
         for n, entry in enumerate(listed, start=1)
     )
     found = toml_files.check(Experiment, table, path, at)
-    return _placed(found.model_copy(update={"published": published}), path.parent)
+    return _with_folder(found.model_copy(update={"published": published}), path.parent)
 
 
-def _placed(experiment: Experiment, folder: Path) -> Experiment:
+def _with_folder(experiment: Experiment, folder: Path) -> Experiment:
     """Return an experiment whose files are looked up next to the study."""
     placed = {
         key: given.with_folder(folder)
@@ -158,7 +158,7 @@ def _check(plan: Plan, axes: Sequence[str], path: Path) -> None:
     for number, experiment in enumerate(plan.experiments, start=1):
         at = f"experiment {number} ({experiment.name})"
         for variant in experiment.variants:
-            _known(variant, [AS_MODELLED, *plan.variants], path, f"{at}.variants", "a known variant")
+            _require_known(variant, [AS_MODELLED, *plan.variants], path, f"{at}.variants", "a known variant")
             file = stem(experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}").casefold()
             if file in owners:
                 other = owners[file]
@@ -166,19 +166,21 @@ def _check(plan: Plan, axes: Sequence[str], path: Path) -> None:
                 raise InputError(path, f"{at}.name", experiment.name, f"{why}; give each experiment its own name")
             owners[file] = experiment.name
         for axis in experiment.axes:
-            _known(axis, axes, path, f"{at}.axes", "an axis of the stage model")
+            _require_known(axis, axes, path, f"{at}.axes", "an axis of the stage model")
         for controller in experiment.controllers:
             _check_controller(controller, experiment.axes, plan, path, f"{at}.controllers")
         for n, published in enumerate(experiment.published, start=1):
             place = f"{at}.published {n}"
             if published.axis:
-                _known(published.axis, [*axes, "all axes"], path, f"{place}.axis", "an axis of the stage model")
+                _require_known(published.axis, [*axes, "all axes"], path, f"{place}.axis", "an axis of the stage model")
             if published.controller:
                 known = experiment.controllers
-                _known(published.controller, known, path, f"{place}.controller", "a controller of this experiment")
+                _require_known(
+                    published.controller, known, path, f"{place}.controller", "a controller of this experiment"
+                )
 
 
-def _known(name: str, known: Sequence[str], path: Path, at: str, what: str) -> None:
+def _require_known(name: str, known: Sequence[str], path: Path, at: str, what: str) -> None:
     if name not in known:
         raise InputError(path, at, toml_files.as_written(name), f"is not {what}{suggest(name, list(known))}")
 
@@ -187,7 +189,7 @@ def _check_controller(controller: str, axes: Sequence[str], plan: Plan, path: Pa
     """Refuse what is no controller, has no gains for an axis, or is more than one command and one feedback."""
     feedbacks = 0
     for piece in pieces(controller):
-        _known(piece, [*KNOWN, *plan.controllers], path, at, "a known controller")
+        _require_known(piece, [*KNOWN, *plan.controllers], path, at, "a known controller")
         feedbacks += piece not in COMMANDS
         for axis in axes:
             if piece in plan.controllers and axis not in plan.controllers[piece].axis:
@@ -198,13 +200,13 @@ def _check_controller(controller: str, axes: Sequence[str], plan: Plan, path: Pa
         raise InputError(path, at, controller, remedy)
 
 
-def stem(words: str) -> str:
+def stem(title: str) -> str:
     """Return words as the stem of a file name.
 
     >>> stem("P16 light damping")
     'P16_light_damping'
     """
-    return "".join(character if character.isalnum() else "_" for character in words)
+    return "".join(character if character.isalnum() else "_" for character in title)
 
 
 def find(name: str | Path) -> Path:

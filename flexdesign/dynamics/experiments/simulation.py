@@ -123,7 +123,7 @@ class Simulation:
         """Return the cases of an experiment."""
         return [case for case in self.cases if case.experiment.name == experiment.name]
 
-    def compared(self, experiment: Experiment) -> list[tuple[Case, Compared]]:
+    def compare_published(self, experiment: Experiment) -> list[tuple[Case, Compared]]:
         """Return published numbers compared with ours, for every case they belong to."""
         found = []
         for case in self.of(experiment):
@@ -163,12 +163,15 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
                 remedy = f"is not a known measure{suggest(measure, list(MEASURES))}"
                 raise InputError(f"{model.name}.toml", f"axis.{name}.fitted", measure, remedy)
     if plan.cycled:
-        known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
+        known = {
+            name: replace(v, axes={n: stages.after_full_cycles(a) for n, a in v.axes.items()})
+            for name, v in known.items()
+        }
         model = known[AS_MODELLED]
     designers = {stage.controller.rate: Designer(plan, 1.0 / stage.controller.rate) for stage in known.values()}
     for experiment in plan.experiments:  # what cannot be sampled is refused before anything is run
         for variant in experiment.variants:
-            _sampled(plan, experiment, 1.0 / known[variant].controller.rate)
+            _sample_trajectory(plan, experiment, 1.0 / known[variant].controller.rate)
     cases, skipped = list[Case](), list[Skipped]()
     count, began = sum(len(each.variants) * len(each.controllers) for each in plan.experiments), perf_counter()
     for experiment in plan.experiments:
@@ -199,7 +202,7 @@ def _case(
     designer: Designer,
 ) -> Case:
     period, delay = designer.period, truth.controller.delay
-    wanted = _sampled(designer.plan, experiment, period)
+    wanted = _sample_trajectory(designer.plan, experiment, period)
     loops, found, seen, cautions = {}, {}, {}, list[str]()
     for name, asked in zip(experiment.axes, wanted, strict=True):
         axis = design_model.axes[name]
@@ -232,7 +235,9 @@ def _case(
         loops[name] = Loop(command, asked if controllers else None, tuple(controllers))
     fastest = max(mode.frequency for axis in stages.stage(truth).axes for mode in axis.modes)
     finer = max(1, math.ceil(SAMPLES_PER_PERIOD * fastest * period))
-    cautions += [f"{name}: {text}" for name in experiment.axes for text in disturbances.left_out(truth, name)]
+    cautions += [
+        f"{name}: {text}" for name in experiment.axes for text in disturbances.inactive_disturbances(truth, name)
+    ]
     late = max(truth.axes[name].sensor.delay for name in experiment.axes)
     if late:
         cautions.append(LATE_READING.format(units.to_text(late, "ms", 3)))
@@ -254,7 +259,7 @@ def _in_unit(quantity: Quantity, unit: str) -> Quantity:
     return replace(quantity, unit=motions.get(quantity.si, quantity.unit))
 
 
-def _sampled(plan: Plan, experiment: Experiment, period: float) -> Array:
+def _sample_trajectory(plan: Plan, experiment: Experiment, period: float) -> Array:
     """Return the trajectory, one row for each axis of the experiment."""
     number, key = plan.experiments.index(experiment) + 1, "command" if experiment.command is not None else "reference"
     try:
@@ -294,7 +299,7 @@ def _on_response(experiment: Experiment, axes: Sequence[str], response: Response
 
 
 def _beyond(name: str, command: Array, axis: AxisModel) -> list[str]:
-    low, high = stages.limits(axis)
+    low, high = stages.command_limits(axis)
     worst = command[np.argmax(np.maximum(command - high, low - command))]
     if low <= worst <= high:
         return []
@@ -336,12 +341,12 @@ def _with_ratio(axis: AxisModel, number: str) -> str:
     return f"{number} = {ratio:.3g}" if ratio else number
 
 
-def handed_over(model: StageModel | None) -> list[str]:
+def stage_model_cautions(model: StageModel | None) -> list[str]:
     """Return what makes a stage model doubtful that a validation hands over; nothing where it hands over none."""
-    return [f"Stage model, {text}" for text in grouped(validity(model))] if model else []
+    return [f"Stage model, {text}" for text in group_by_axis(validity(model))] if model else []
 
 
-def grouped(sentences: Sequence[str]) -> list[str]:
+def group_by_axis(sentences: Sequence[str]) -> list[str]:
     """Say once what `validity` says of several axes."""
     axes: dict[str, list[str]] = {}
     for sentence in sentences:

@@ -32,7 +32,7 @@ def plan(model: StageModel) -> Plan:
 
 
 def _of(name: str, axis: AxisModel, file: str) -> list[Experiment]:
-    low, high = stages.limits(axis)
+    low, high = stages.command_limits(axis)
     field = f"axis.{name}.actuator.voltage_range"
     if not math.isfinite(high - low):
         remedy = 'is missing, so no range to try; write voltage_range = ["0 V", "150 V"], or name a study'

@@ -12,12 +12,12 @@ from flexdesign.core.model import Quantity
 Array = NDArray[np.float64]
 
 #: In which unit people read a number: SI unit -> display unit.
-_SHOWN = {"m": "um", "s": "ms", "1": "%", "m/V": "um/V", "m*V": "um*V"}
+_DISPLAY_UNITS = {"m": "um", "s": "ms", "1": "%", "m/V": "um/V", "m*V": "um*V"}
 
 
 def quantity(name: str, value: float, si: str, source: str, boundary: str = "") -> Quantity:
     """Return a quantity in the unit in which people read it."""
-    return Quantity(name, value, si, _SHOWN.get(si, si), boundary, source)
+    return Quantity(name, value, si, _DISPLAY_UNITS.get(si, si), boundary, source)
 
 
 def rms(values: Array) -> float:

@@ -76,7 +76,7 @@ def tracking(reference: Array, response: Array, period: float, *, longest_lag: f
     if not 0 <= 2 * skipped <= len(reference):
         raise ValueError(f"a longest lag of {longest_lag:g} s does not fit a record of {len(reference) * period:g} s")
     lag = _best_lag(reference, response, skipped, longest_lag / period) if skipped else 0.0
-    error = np.abs(response[skipped:] - _delayed(reference, lag, skipped))
+    error = np.abs(response[skipped:] - _delay(reference, lag, skipped))
     worst = int(np.argmax(error))
     return Tracking(
         max=float(error[worst]),
@@ -95,20 +95,20 @@ def _best_lag(reference: Array, response: Array, skipped: int, longest: float) -
     """
 
     def error(lag: float) -> float:
-        return rms(response[skipped:] - _delayed(reference, lag, skipped))
+        return rms(response[skipped:] - _delay(reference, lag, skipped))
 
     best = float(min(range(math.floor(longest + 1e-9) + 1), key=error))
     lags = [best]
     for low in (best - 1, best):
         if 0 <= low < skipped:
-            early, late = _delayed(reference, low, skipped), _delayed(reference, low + 1, skipped)
+            early, late = _delay(reference, low, skipped), _delay(reference, low + 1, skipped)
             change = late - early
             part = ratio(float(np.dot(response[skipped:] - early, change)), float(np.dot(change, change)))
             lags.append(min(low + min(max(part, 0.0), 1.0), longest))
     return min(lags, key=error)
 
 
-def _delayed(reference: Array, lag: float, skipped: int) -> Array:
+def _delay(reference: Array, lag: float, skipped: int) -> Array:
     """Return the samples from `skipped` on, delayed by at most as many."""
     whole = math.floor(lag)
     part = lag - whole

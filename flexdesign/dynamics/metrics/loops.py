@@ -88,13 +88,13 @@ def loop(command: Array, response: Array, period: float, frequency: float) -> Lo
     span = float(np.ptp(x))
     return Loop(
         span=span,
-        width=_opening(u, x),
+        width=_width(u, x),
         area=sign * 0.5 * float(np.dot(du, np.roll(dx, -1)) - np.dot(dx, np.roll(du, -1))),
         secant_gain=sign * span / float(np.ptp(u)),
     )
 
 
-def _opening(u: Array, x: Array) -> float:
+def _width(u: Array, x: Array) -> float:
     """Return the largest distance between the rising and the falling branch of a cycle, at one command."""
     lowest = int(np.argmin(u))
     u, x = (np.concatenate([values[lowest:], values[: lowest + 1]]) for values in (u, x))

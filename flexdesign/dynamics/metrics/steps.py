@@ -83,7 +83,7 @@ def step_response(
     return StepResponse(
         rise_time=_risen(moments, share),
         overshoot=max(0.0, float(share.max()) - 1.0) * abs(target - start),
-        settling_time=_settled(moments, share, band) - at,
+        settling_time=_settling_time(moments, share, band) - at,
         steady_error=float(1.0 - tail.mean()) * (target - start),
         band=band,
     )
@@ -91,11 +91,11 @@ def step_response(
 
 def _risen(time: Array, share: Array) -> float:
     """Return the time from 10 % to 90 %; inf if 90 % is not reached."""
-    reached = _reached(time, share, 0.9)
-    return reached - _reached(time, share, 0.1) if reached < math.inf else math.inf
+    reached = _time_to_level(time, share, 0.9)
+    return reached - _time_to_level(time, share, 0.1) if reached < math.inf else math.inf
 
 
-def _reached(time: Array, share: Array, level: float) -> float:
+def _time_to_level(time: Array, share: Array, level: float) -> float:
     """Return when a level is first reached; inf if never."""
     above = share >= level
     if not above.any():
@@ -107,7 +107,7 @@ def _reached(time: Array, share: Array, level: float) -> float:
     return float(time[k - 1] + part * (time[k] - time[k - 1]))
 
 
-def _settled(time: Array, share: Array, band: float) -> float:
+def _settling_time(time: Array, share: Array, band: float) -> float:
     """Return the moment after which the response stays within the band; inf if it is outside at the end."""
     error = share - 1.0
     outside = np.flatnonzero(np.abs(error) > band)

@@ -18,7 +18,7 @@ from flexdesign.dynamics.signal_chain import exact_step, kernels
 from flexdesign.dynamics.signal_chain.memory_layout import BlockCalls, Forces, Modes, SignalPlaces, State, Ticks, Timing
 
 #: Numbers for which a chain has room in one array: several times what one of the catalogue needs.
-ROOM = 1024
+ARENA_SIZE = 1024
 #: Sockets before the mechanics, in the order of the signal.
 UPSTREAM = (Socket.COMMAND, Socket.DRIVER, Socket.HYSTERESIS, Socket.ACTUATOR)
 
@@ -145,7 +145,7 @@ def program(
         Samples between two actions of a controller.
     """
     shares, steps, lengths, late = _division(period, substeps, delay)
-    builder = _Moves(keep, lengths)
+    builder = _StepBuilder(keep, lengths)
     command, voltage, drive = zip(*(builder.upstream(axis) for axis in axes), strict=True)
     upstream = len(builder.moves)
     motion = [builder.slot() for _ in axes]
@@ -223,8 +223,8 @@ class Arena:
     def __init__(self) -> None:
         self.kept: list[NDArray[Any]] = []
         self._reals, self._ints = (
-            _Allocation(np.zeros(ROOM), self.kept),
-            _Allocation(np.zeros(ROOM, dtype=np.int64), self.kept),
+            _Allocation(np.zeros(ARENA_SIZE), self.kept),
+            _Allocation(np.zeros(ARENA_SIZE, dtype=np.int64), self.kept),
         )
 
     def reals(self, numbers: Sequence[float]) -> int:
@@ -252,7 +252,7 @@ class _Allocation:
     def keep(self, numbers: Sequence[float]) -> int:
         """Put numbers and a zero behind them into the array; return their address."""
         first = len(self.numbers)
-        if first + len(numbers) < ROOM:
+        if first + len(numbers) < ARENA_SIZE:
             self.numbers += numbers
             self.numbers.append(0)
             return self.address + 8 * first
@@ -266,7 +266,7 @@ class _Allocation:
         self.array[: len(self.numbers)] = self.numbers
 
 
-class _Moves:
+class _StepBuilder:
     """Collects what happens to the signals in a step."""
 
     def __init__(self, keep: Arena, steps: Sequence[float]) -> None:

@@ -68,7 +68,7 @@ def run(
     for k in range(inputs.samples):
         for axis in range(inputs.axes):
             at = axis * inputs.samples + k
-            motion[at] = _mixed(axis, inputs.axes, state.axis_motion, coupling)
+            motion[at] = _table_position(axis, inputs.axes, state.axis_motion, coupling)
             if not abs(motion[at]) < bound:
                 return k
             _observe(axis, at, motion[at], inputs, places, block_calls, sensor_ticks, state, record)
@@ -78,7 +78,9 @@ def run(
                     reals(record.cut)[at - 1],
                 )
             elif closed[axis]:
-                _apply(axis, at, _commanded(axis, at, k, inputs, controllers, record), command_ticks, inputs, record)
+                _apply(
+                    axis, at, _add_controllers(axis, at, k, inputs, controllers, record), command_ticks, inputs, record
+                )
         if k < inputs.samples - 1:
             within = timing.within
             for segment in range(timing.segments):
@@ -108,13 +110,13 @@ def _observe(
     """Take the reading of an axis, and record voltage and drive."""
     signals = reals(state.signals)
     y = signals[ints(places.reading)[axis] + 2] if block_calls.upstream < block_calls.number else motion
-    reals(record.reading)[at] = _ticked(axis, y + reals(inputs.noise)[at], ticks)
+    reals(record.reading)[at] = _apply_ticks(axis, y + reals(inputs.noise)[at], ticks)
     reals(record.voltage)[at] = signals[ints(places.voltage)[axis] + 2]
     reals(record.drive)[at] = signals[ints(places.drive)[axis] + 2]
 
 
 @once
-def _commanded(axis: int, at: int, k: int, inputs: Inputs, controllers: Ticks, record: Record) -> float:
+def _add_controllers(axis: int, at: int, k: int, inputs: Inputs, controllers: Ticks, record: Record) -> float:
     """Return feedforward and controllers together."""
     first, entries = ints(controllers.first), ints(controllers.entries)
     u = reals(inputs.given)[at]
@@ -129,13 +131,13 @@ def _commanded(axis: int, at: int, k: int, inputs: Inputs, controllers: Ticks, r
 def _apply(axis: int, at: int, wanted: float, ticks: Ticks, inputs: Inputs, record: Record) -> None:
     """Pass a command through its ticks and limits."""
     limits, command = reals(inputs.limits), reals(record.command)
-    u = _ticked(axis, wanted, ticks)
+    u = _apply_ticks(axis, wanted, ticks)
     command[at] = min(max(u, limits[2 * axis]), limits[2 * axis + 1])
     reals(record.cut)[at] = u - command[at]
 
 
 @inside
-def _ticked(axis: int, value: float, ticks: Ticks) -> float:
+def _apply_ticks(axis: int, value: float, ticks: Ticks) -> float:
     first, entries = ints(ticks.first), ints(ticks.entries)
     for i in range(first[axis], first[axis + 1]):
         value = call_tick(entries[3 * i], value, entries[3 * i + 1], entries[3 * i + 2])
@@ -170,7 +172,7 @@ def _advance(
     for axis in range(inputs.axes):
         previous[2 * axis], previous[2 * axis + 1] = axis_motion[2 * axis], axis_motion[2 * axis + 1]
         if first[axis + 1] > first[axis]:
-            _forced(axis, segment, drive[axis], length, modes, forces, state)
+            _advance_with_forces(axis, segment, drive[axis], length, modes, forces, state)
         else:
             _free(axis, segment, drive[axis], modes, state)
     if block_calls.upstream < block_calls.number:
@@ -247,19 +249,21 @@ def _free(axis: int, segment: int, drive: int, modes: Modes, state: State) -> No
 
 
 @once
-def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forces: Forces, state: State) -> None:
+def _advance_with_forces(
+    axis: int, segment: int, drive: int, step: float, modes: Modes, forces: Forces, state: State
+) -> None:
     """Advance the modes of an axis over a step with forces that depend on the motion (Cox and Matthews, eqs 26-29)."""
     d, q, p = reals(state.signals), reals(state.modes), reals(modes.passages)
     axis_motion, first = reals(state.axis_motion), ints(modes.first)
     d0, d1, d2 = d[drive], d[drive + 1], d[drive + 2]
     r1 = forces.rates  # addresses of the states' rates at the four stages
     r2, r3, r4 = r1 + 8 * forces.number, r1 + 16 * forces.number, r1 + 24 * forces.number
-    begin = _driven(axis, d0, axis_motion[2 * axis], axis_motion[2 * axis + 1], 0.0, r1, r1, forces, state)
+    begin = _drive_and_forces(axis, d0, axis_motion[2 * axis], axis_motion[2 * axis + 1], 0.0, r1, r1, forces, state)
     # Two guesses of the middle, from the force at the start and from that at the first guess.
     x, v = _halfway(axis, segment, begin, modes, state)
-    guess_a = _driven(axis, d1, x, v, 0.5 * step, r1, r2, forces, state)
+    guess_a = _drive_and_forces(axis, d1, x, v, 0.5 * step, r1, r2, forces, state)
     x, v = _halfway(axis, segment, guess_a, modes, state)
-    guess_b = _driven(axis, d1, x, v, 0.5 * step, r2, r3, forces, state)
+    guess_b = _drive_and_forces(axis, d1, x, v, 0.5 * step, r2, r3, forces, state)
     # A guess of the end, by a second half from the first guess of the middle.
     x = v = 0.0
     for m in range(first[axis], first[axis + 1]):
@@ -268,14 +272,14 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
         qa1 = p[i + 2] * q[2 * m] + p[i + 3] * q[2 * m + 1] + p[i + 5] * begin
         x += p[i] * qa0 + p[i + 1] * qa1 + p[i + 4] * (2.0 * guess_b - begin)
         v += p[i + 2] * qa0 + p[i + 3] * qa1 + p[i + 5] * (2.0 * guess_b - begin)
-    end = _driven(axis, d2, x, v, step, r3, r4, forces, state)
+    end = _drive_and_forces(axis, d2, x, v, step, r3, r4, forces, state)
     d[drive], d[drive + 1], d[drive + 2] = begin, 0.5 * (guess_a + guess_b), end
     _free(axis, segment, drive, modes, state)
     d[drive], d[drive + 1], d[drive + 2] = d0, d1, d2
     place, states, force = ints(forces.place), reals(forces.states), ints(forces.first)
     for i in range(place[force[axis]], place[force[axis + 1]]):  # forces by path have rates of zero
         states[i] += step / 6.0 * (reals(r1)[i] + 2.0 * reals(r2)[i] + 2.0 * reals(r3)[i] + reals(r4)[i])
-    _pulled(axis, axis_motion[2 * axis], axis_motion[2 * axis + 1], step, forces.states, forces, state)
+    _path_forces(axis, axis_motion[2 * axis], axis_motion[2 * axis + 1], step, forces.states, forces, state)
 
 
 @inside
@@ -291,7 +295,7 @@ def _halfway(axis: int, segment: int, force: float, modes: Modes, state: State) 
 
 
 @inside
-def _driven(
+def _drive_and_forces(
     axis: int,
     drive: float,
     x: float,
@@ -321,12 +325,12 @@ def _driven(
             total += call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
         driven += total
     if by_path < first[axis + 1]:
-        driven += _pulled(axis, x, v, after, forces.trial, forces, state)
+        driven += _path_forces(axis, x, v, after, forces.trial, forces, state)
     return driven
 
 
 @inside
-def _pulled(axis: int, x: float, v: float, after: float, states: Reals, forces: Forces, state: State) -> float:
+def _path_forces(axis: int, x: float, v: float, after: float, states: Reals, forces: Forces, state: State) -> float:
     """Return all forces that follow the path from the start of the step, `after` it, and take their states there.
 
     Where the velocity has changed its sign the path goes by the turning point, found as if the velocity were straight.
@@ -348,7 +352,7 @@ def _pulled(axis: int, x: float, v: float, after: float, states: Reals, forces: 
 
 
 @inside
-def _mixed(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
+def _table_position(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
     """Return the table's position along an axis, to which every axis contributes."""
     axis_motion, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
     total = 0.0
@@ -374,8 +378,8 @@ def _motion(step: float, axes: int, places: SignalPlaces, coupling: Coupling, st
     signals = reals(state.signals)
     for axis in range(axes):
         x0, x1 = (
-            _mixed(axis, axes, state.previous_axis_motion, coupling),
-            _mixed(axis, axes, state.axis_motion, coupling),
+            _table_position(axis, axes, state.previous_axis_motion, coupling),
+            _table_position(axis, axes, state.axis_motion, coupling),
         )
         v0 = _mixed_velocity(axis, axes, state.previous_axis_motion, coupling)
         v1 = _mixed_velocity(axis, axes, state.axis_motion, coupling)

@@ -53,11 +53,11 @@ def address(hook: Callable[..., Any], kind: str) -> int:
         If the hook is no plain function, or uses something that is neither a number, nor `math`, nor a function of
         its own file.
     """
-    return int(_compiled(hook, kind).address)
+    return int(_compile(hook, kind).address)
 
 
 @cache
-def _compiled(hook: Callable[..., Any], kind: str) -> Any:
+def _compile(hook: Callable[..., Any], kind: str) -> Any:
     function = _compilable(hook)
     try:
         return cfunc(SIGNATURES[kind], cache=True, **_OPTIONS)(function)
@@ -149,29 +149,29 @@ def call_control(typing: Any, hook: Any, reference: Any, reading: Any, excess: A
 @intrinsic
 def reals(typing: Any, address: Any) -> Any:
     """Turn an address into numbers that can be indexed."""
-    return _FLOATS(nb.int64), _pointed
+    return _FLOATS(nb.int64), _as_pointer
 
 
 @intrinsic
 def ints(typing: Any, address: Any) -> Any:
     """Turn an address into whole numbers that can be indexed."""
-    return nb.CPointer(nb.int64)(nb.int64), _pointed
+    return nb.CPointer(nb.int64)(nb.int64), _as_pointer
 
 
-def _pointed(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+def _as_pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
 
-def ticked(hook: Callable[..., float], values: NDArray[np.float64], states: int, constants: Sequence[float]) -> Any:
+def run_ticks(hook: Callable[..., float], values: NDArray[np.float64], states: int, constants: Sequence[float]) -> Any:
     """Return a `tick` hook's values for a whole series, from rest."""
     state, numbers = np.zeros(max(states, 1)), np.array([*constants, 0.0])
     out = np.empty(len(values))
     series = np.ascontiguousarray(values, dtype=np.float64)
-    _ticked(address(hook, "tick"), series, state.ctypes.data, numbers.ctypes.data, out)
+    _run_ticks(address(hook, "tick"), series, state.ctypes.data, numbers.ctypes.data, out)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _ticked(hook: int, values: NDArray[np.float64], state: int, constants: int, out: NDArray[np.float64]) -> None:
+def _run_ticks(hook: int, values: NDArray[np.float64], state: int, constants: int, out: NDArray[np.float64]) -> None:
     for i in range(len(values)):
         out[i] = call_tick(hook, values[i], state, constants)

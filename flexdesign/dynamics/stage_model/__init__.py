@@ -11,7 +11,7 @@ gain are those with the actuators installed: stack and seats in series, in place
 from flexdesign.dynamics.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor
 from flexdesign.dynamics.stage_model.editing import edit
 from flexdesign.dynamics.stage_model.model import ControllerTiming, Coupling, StageModel
-from flexdesign.dynamics.stage_model.reading import changed, find, read
+from flexdesign.dynamics.stage_model.reading import find, read, with_overrides
 from flexdesign.dynamics.stage_model.response_units import ResponseUnits
 from flexdesign.dynamics.stage_model.writing import to_toml
 
@@ -26,9 +26,9 @@ __all__ = [
     "ResponseUnits",
     "Sensor",
     "StageModel",
-    "changed",
     "edit",
     "find",
     "read",
     "to_toml",
+    "with_overrides",
 ]

@@ -36,7 +36,7 @@ def edit(origin: str | Path | StageModel, model: StageModel, folder: Path) -> st
     path = reading.find(origin)
     try:
         before = to_toml(reading.read(path), path.resolve().parent)
-        original = _without_outdated(path.read_text(encoding="utf-8-sig"), before, fresh)
+        original = _remove_outdated_comments(path.read_text(encoding="utf-8-sig"), before, fresh)
         edited = toml_writing.merge(original, before, fresh)
         again = reading.from_content(tomllib.loads(edited), folder / path.name)
     except (InputError, OSError, ValueError):  # an unusable original or edit; tomlkit's errors are ValueErrors
@@ -44,7 +44,7 @@ def edit(origin: str | Path | StageModel, model: StageModel, folder: Path) -> st
     return edited if tomllib.loads(to_toml(again, folder)) == tomllib.loads(fresh) else fresh
 
 
-def _without_outdated(text: str, before: str, after: str) -> str:
+def _remove_outdated_comments(text: str, before: str, after: str) -> str:
     """Return a text without the comment lines of the program that the changed model no longer has."""
     outdated = set(re.findall(r"^#.*$", before, re.MULTILINE)) - set(re.findall(r"^#.*$", after, re.MULTILINE))
     lines = [line for line in text.splitlines() if line not in outdated and not line.startswith(ABSENT)]

@@ -22,7 +22,7 @@ LONGEST_STROKE = 1e3
 POWER_LAWS = {"bouc_wen": ("n", ("b", "c")), "hysteretic_spring": ("nu", ("gamma", "delta"))}
 
 #: Effects of the catalogue for which a number of its own stands: one of the axis, or of the stage's controller.
-ELSEWHERE = {
+AXIS_FIELDS = {
     "transport_delay": "controller.delay",
     "driver_bandwidth": "driver.bandwidth",
     "driver_slew": "driver.slew",

@@ -131,7 +131,7 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:
     )
 
 
-def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
+def with_overrides(model: StageModel, overrides: Sequence[str]) -> StageModel:
     """Return a stage model with overrides laid over it, as over its file.
 
     Raises
@@ -210,7 +210,7 @@ def _axis(given: object, place: _Place) -> AxisModel:
     if "natural_frequency" not in numbers and not {"mass", "stiffness"} & set(numbers):
         remedy = 'is missing; write for example natural_frequency = "116 Hz", or give mass and stiffness'
         raise place.at("natural_frequency").refused(None, remedy)
-    numbers.setdefault("natural_frequency", _lumped(numbers))
+    numbers.setdefault("natural_frequency", _lumped_frequency(numbers))
     try:
         axis = AxisModel(
             **numbers,
@@ -227,7 +227,7 @@ def _axis(given: object, place: _Place) -> AxisModel:
     return _provenance(axis, table, place)
 
 
-def _lumped(numbers: Mapping[str, float]) -> float:
+def _lumped_frequency(numbers: Mapping[str, float]) -> float:
     both = "mass" in numbers and "stiffness" in numbers
     return lumped_frequency(numbers["mass"], numbers["stiffness"]) if both else float("nan")  # refused with the axis
 
@@ -266,16 +266,16 @@ def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> Axi
     def entries(key: str, known: list[str], field: Field) -> dict[str, Any]:
         table = _flat(place.at(key).table(given.get(key, {})))
         for name, value in table.items():
-            if _renamed(name, whole) not in known:
+            if _with_path(name, whole) not in known:
                 remedy = f"is not a number that this axis has{suggest(name, known)}"
                 raise place.at(key).at(name).refused(value, remedy)
-        return {_renamed(name, whole): place.at(key).at(name).number(value, field) for name, value in table.items()}
+        return {_with_path(name, whole): place.at(key).at(name).number(value, field) for name, value in table.items()}
 
     assumed = given.get("assumed", [])
     if not isinstance(assumed, list):
         raise place.at("assumed").refused(assumed, 'expected a list of fields, such as ["damping_ratio"]')
     for name in assumed:
-        if _renamed(str(name), whole) not in named:
+        if _with_path(str(name), whole) not in named:
             remedy = f"{toml_files.as_written(name)} is not a number that this axis has{suggest(str(name), named)}"
             raise place.at("assumed").refused(assumed, remedy)
     measures = given.get("fitted", [])
@@ -285,12 +285,12 @@ def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> Axi
         axis,
         fitted=tuple(measures),
         uncertainty=entries("uncertainty", numbers, fields.RELATIVE),
-        assumed=tuple(_renamed(name, whole) for name in assumed),
+        assumed=tuple(_with_path(name, whole) for name in assumed),
         sources=entries("sources", named, fields.Text()),
     )
 
 
-def _renamed(name: str, whole: Mapping[str, str]) -> str:
+def _with_path(name: str, whole: Mapping[str, str]) -> str:
     """Return the name of an effect or of one of its numbers with the effect's whole path."""
     owner = next((owner for owner in whole if name == owner or name.startswith(f"{owner}.")), "")
     return whole[owner] + name[len(owner) :] if owner else name
@@ -335,8 +335,8 @@ def _whole(name: str, place: _Place) -> str:
 
     A path is looked up next to the stage model's file first, then in the working directory.
     """
-    if name in fields.ELSEWHERE:
-        number = fields.ELSEWHERE[name]
+    if name in fields.AXIS_FIELDS:
+        number = fields.AXIS_FIELDS[name]
         if not number.startswith("controller."):
             number = f"{place.name.removesuffix('.effects')}.{number}"
         raise place.at(name).refused(None, f"has its own place in the file; write {number} instead")

@@ -59,7 +59,7 @@ def _ways(axis: AxisModel, folder: Path | None) -> dict[str, str]:
     return {name: toml_files.way(Path(name), folder) for name in axis.effects if name.endswith(".py")}
 
 
-def _named(name: str, ways: Mapping[str, str]) -> str:
+def _relative_name(name: str, ways: Mapping[str, str]) -> str:
     """Return the name of an effect or of one of its numbers with the way to its file, if it has one."""
     owner = next((owner for owner in ways if name == owner or name.startswith(f"{owner}.")), "")
     return ways[owner] + name[len(owner) :] if owner else name
@@ -82,12 +82,12 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f'hysteresis = {{ model = "bouc-wen", {", ".join(f"{k} = {v}" for k, v in values.items())} }}'
     if axis.uncertainty:
         relative = ", ".join(
-            f"{_dotted(_named(name, ways))} = {fields.RELATIVE.write(value)}"
+            f"{_key(_relative_name(name, ways))} = {fields.RELATIVE.write(value)}"
             for name, value in axis.uncertainty.items()
         )
         yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
     if axis.assumed:
-        yield f"assumed = [{', '.join(_TEXT.write(_named(name, ways)) for name in axis.assumed)}]"
+        yield f"assumed = [{', '.join(_TEXT.write(_relative_name(name, ways)) for name in axis.assumed)}]"
     if axis.absent:
         yield f"{ABSENT} {', '.join(axis.absent)}"
     if axis.fitted:
@@ -100,12 +100,12 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield from _table(f"{place}.{key}", getattr(axis, key), known[key])
     for name, effect in axis.effects.items():
         if name != "bouc_wen":
-            yield from ("", f"[{place}.effects.{toml_files.key(_named(name, ways))}]")
+            yield from ("", f"[{place}.effects.{toml_files.key(_relative_name(name, ways))}]")
             yield from (f"{key} = {text}" for key, text in _effect(name, effect, axis.response).items())
     if axis.sources:
         yield from ("", f"[{place}.sources]")
         for name, text in axis.sources.items():
-            yield f"{toml_files.key(_named(name, ways))} = {_TEXT.write(text)}"
+            yield f"{toml_files.key(_relative_name(name, ways))} = {_TEXT.write(text)}"
 
 
 def _numbers(axis: AxisModel) -> Iterator[tuple[str, str]]:
@@ -157,6 +157,6 @@ def _coupling(coupling: Coupling, responses: Mapping[str, str]) -> Iterator[str]
             yield f"{to}_from_{origin} = {field.write(value)}"
 
 
-def _dotted(name: str) -> str:
+def _key(name: str) -> str:
     """Return a dotted key, or a quoted one where a part of it may not stand bare."""
     return name if all(toml_files.key(part) == part for part in name.split(".")) else toml_files.quoted(name)

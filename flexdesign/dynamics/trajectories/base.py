@@ -205,10 +205,10 @@ def _read(given: Any) -> Trajectory:
     try:
         return shape.model_validate(given)
     except ValidationError as error:
-        raise _placed(error) from None
+        raise _first_failure(error) from None
 
 
-def _placed(error: ValidationError) -> Exception:
+def _first_failure(error: ValidationError) -> Exception:
     """Return the first failure within a shape, at the key it belongs to; entries of lists are counted from 1."""
     first = error.errors()[0]
     message = "is missing" if first["type"] == "missing" else first["msg"].removeprefix("Value error, ")

@@ -18,7 +18,7 @@ def _cells(given: Any) -> Any:
     return [given] if isinstance(given, str) else given
 
 
-def _checked(cell: str) -> str:
+def _check_cell(cell: str) -> str:
     _axis(cell)
     return cell
 
@@ -38,7 +38,7 @@ class Recorded(Trajectory):
 
     shape: Literal["csv"] = "csv"
     file: str
-    column: Annotated[tuple[Annotated[str, AfterValidator(_checked)], ...], BeforeValidator(_cells)]
+    column: Annotated[tuple[Annotated[str, AfterValidator(_check_cell)], ...], BeforeValidator(_cells)]
 
     @model_validator(mode="after")
     def _has_one_kind(self) -> Self:

@@ -18,7 +18,7 @@ _ROUNDING = 1e-7
 _MOST_TONES = 20_000
 
 
-class _Between(Trajectory):
+class _TwoLevels(Trajectory):
     """Something that moves between two levels, and starts at `low` unless it says otherwise."""
 
     low: AnyLevel
@@ -35,7 +35,7 @@ class _Between(Trajectory):
         return self.low.value * (1.0 - share) + self.high.value * share
 
 
-class _Cycles(_Between):
+class _Cycles(_TwoLevels):
     """A wave that repeats; `cycles` need not be whole. With ``begin = "high"`` it is upside down."""
 
     frequency: Frequency
@@ -80,7 +80,7 @@ class Square(_Cycles):
         return self._scaled(np.floor(2 * self.frequency * time + _ROUNDING) % 2)
 
 
-class Chirp(_Between):
+class Chirp(_TwoLevels):
     """A sine from `low` whose frequency goes from one end of `band` to the other in the time `time`.
 
     The frequency grows by equal factors in equal times (`sweep` ``"logarithmic"``) or by equal steps (``"linear"``).
@@ -114,7 +114,7 @@ class Chirp(_Between):
         return self._scaled(0.5 - 0.5 * np.cos(2 * np.pi * cycles))
 
 
-class Multisine(_Between):
+class Multisine(_TwoLevels):
     """Equal tones at every multiple of `resolution` within `band`; one cycle takes 1 / `resolution`.
 
     Phases are random, drawn from `seed`, or Schroeder's, which keep the peaks low: -pi n (n - 1) / N for tone n of N

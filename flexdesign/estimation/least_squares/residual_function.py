@@ -51,12 +51,12 @@ class _Count:
     """Counts predictions, of several threads."""
 
     def __init__(self) -> None:
-        self.made, self._lock = Counter[str](), threading.Lock()
+        self.make, self._lock = Counter[str](), threading.Lock()
 
     def add(self, failed: bool) -> None:
         """Count one more."""
         with self._lock:
-            self.made.update(all=1, failed=int(failed))
+            self.make.update(all=1, failed=int(failed))
 
 
 class Problem:
@@ -105,12 +105,12 @@ class Problem:
     @property
     def evaluations(self) -> int:
         """Number of predictions so far, those of problems made from this one among them."""
-        return self._count.made["all"]
+        return self._count.make["all"]
 
     @property
     def failures(self) -> int:
         """Number of these that gave no numbers."""
-        return self._count.made["failed"]
+        return self._count.make["failed"]
 
     def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
         """Return the problem with its own finite-difference steps; perhaps with another data set."""

@@ -18,7 +18,7 @@ from flexdesign.measurements.recordings.frequency_response import FREQUENCY
 from flexdesign.measurements.recordings.gap_filling import recordings_apart
 
 #: Times from a rate that differ by less than this, relative, are one.
-ALIKE = 1e-9
+SAME_PERIOD = 1e-9
 #: Precision of files, relative; a time is to be right within this part of a period.
 WRITTEN, FINE = 1e-12, 1e-4
 #: Axes of an array of which a map chooses one number, and those along which there are realisations and samples.
@@ -60,7 +60,7 @@ def assemble(contents: Contents, plan: Map, numbers: Sequence[int] | None = None
         units of a formula do not go together, or columns of one run differ in length.
     """
     chosen = range(len(plan.runs)) if numbers is None else numbers
-    return [recording for number in chosen for recording in _Maker(contents, plan, number).made()]
+    return [recording for number in chosen for recording in _Maker(contents, plan, number).make()]
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class _Maker:
     def refused(self, field: str, value: object, remedy: str) -> InputError:
         return InputError(self.plan.path, field, value, remedy)
 
-    def made(self) -> list[Recording]:
+    def make(self) -> list[Recording]:
         """Return the recordings of this run of the map."""
         parts = {name: self._part(name) for name in self.columns.tables}
         sizes = {name: part.values.shape for name, part in parts.items()}
@@ -119,7 +119,7 @@ class _Maker:
     def _part(self, name: str) -> _Part:
         table, field = self.columns.tables[name], f"{self.place}.columns.{name}"
         if formula := self.columns.formulas.get(name):
-            part = self._computed(name, formula, field)
+            part = self._compute(name, formula, field)
         else:
             values, unit, steps = self._variable(name, table, field)
             si = self.columns.si_of(name, unit, self.plan.path, f"{field}.unit")
@@ -141,10 +141,10 @@ class _Maker:
             example = default_units.get(name) or ("um" if name in "xyz" else "V")
             remedy = f'is missing, and the file does not say it; write unit = "{example}"'
             raise self.refused(f"{field}.unit", None, remedy)
-        values = table.scale * _parted(variable.values(), table, self, field) + table.offset
+        values = table.scale * _split_periods(variable.values(), table, self, field) + table.offset
         return values, unit, {name: variable.step} if variable.step else {}
 
-    def _computed(self, name: str, formula: Formula, field: str) -> _Part:
+    def _compute(self, name: str, formula: Formula, field: str) -> _Part:
         """Return what a formula gives."""
         import pint
 
@@ -219,7 +219,7 @@ class _Maker:
             remedy = 'is missing, and the file does not say it; write rate = "1 kHz", or map a column t'
             raise self.refused(f"{self.place}.rate", None, remedy)
         stated = list(steps.values())
-        if max(stated) - min(stated) > ALIKE * max(stated):
+        if max(stated) - min(stated) > SAME_PERIOD * max(stated):
             remark = ", ".join(f"{name} {1 / step:.6g} Hz" for name, step in steps.items())
             remedy = f"the columns were sampled at different rates ({remark}); make runs of columns of one rate"
             raise self.refused(f"{self.place}.columns", None, remedy)
@@ -255,7 +255,7 @@ def _from_first_sample(recording: Recording) -> Recording:
     return replace(recording, time=time - start, remarks=(f"time counts from the first sample, at {start:.12g} s",))
 
 
-def _parted(values: Numbers, table: VariableTable, maker: _Maker, field: str) -> Numbers:
+def _split_periods(values: Numbers, table: VariableTable, maker: _Maker, field: str) -> Numbers:
     """Return the numbers as realisations by samples, periods one after the other."""
     size = " x ".join(map(str, values.shape))
     asked = {"channel": table.channel, "input": table.input}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.measurements.importing.apart import apart
-from flexdesign.measurements.importing.contents import Variable, is_numeric, library, stored
+from flexdesign.measurements.importing.contents import Variable, from_memory, is_numeric, library
 
 #: Attributes under which programs keep a unit, in small letters.
 UNITS = ("unit", "units", "unit_string", "ni_unitdescription")
@@ -57,7 +57,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, Variable]]:
             index = "" if len(elements) == 1 else f"{{{number}}}" if is_cell else f"({number})"
             yield from _fields(f"{name}{index}", element)
     elif isinstance(value, np.ndarray) and is_numeric(value.dtype) and value.size:
-        yield name, stored(value)
+        yield name, from_memory(value)
 
 
 def _structure(name: str, structure: Any) -> Iterator[tuple[str, Variable]]:
@@ -133,7 +133,7 @@ def tdms(path: Path) -> dict[str, Variable]:
             if values.dtype.kind == "M":
                 values, unit = (values - values[:1]) / np.timedelta64(1, "s"), "s"
             if is_numeric(values.dtype) and values.size:
-                found[name] = stored(values, unit, float(step) if step else None)
+                found[name] = from_memory(values, unit, float(step) if step else None)
     return found
 
 
@@ -159,14 +159,14 @@ def universal(path: Path) -> dict[str, Variable]:
         unit, name = _label(data, "ordinate_axis_units_lab"), f"set{number + 1}"
         if function == FREQUENCY_RESPONSE:
             per = _label(data, "orddenom_axis_units_lab")
-            found[name] = stored(values, f"{unit}/({per})" if unit and per else "", note=note)
-            found[f"{name}.frequency"] = stored(np.asarray(data["x"]), "Hz", note="abscissa of the set")
+            found[name] = from_memory(values, f"{unit}/({per})" if unit and per else "", note=note)
+            found[f"{name}.frequency"] = from_memory(np.asarray(data["x"]), "Hz", note="abscissa of the set")
             continue
         is_even = data.get("abscissa_spacing") == 1
         step = float(data["abscissa_inc"]) if is_even else None
-        found[name] = stored(values, unit, step, note)
+        found[name] = from_memory(values, unit, step, note)
         if not is_even:
-            found[f"{name}.time"] = stored(np.asarray(data["x"]), "s", note="abscissa of the set")
+            found[f"{name}.time"] = from_memory(np.asarray(data["x"]), "s", note="abscissa of the set")
     return found
 
 
@@ -178,14 +178,14 @@ def _label(data: Mapping[str, Any], key: str) -> str:
 def numpy_array(path: Path) -> dict[str, Variable]:
     """Read a .npy file: one variable, named as the file."""
     values = np.load(path, mmap_mode="r")
-    return {path.stem: stored(values)} if is_numeric(values.dtype) and values.size else {}
+    return {path.stem: from_memory(values)} if is_numeric(values.dtype) and values.size else {}
 
 
 def numpy_archive(path: Path) -> dict[str, Variable]:
     """Read a .npz file: its arrays by their names."""
     with path.open("rb") as file, np.load(file) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    return {name: stored(values) for name, values in arrays.items() if is_numeric(values.dtype) and values.size}
+    return {name: from_memory(values) for name, values in arrays.items() if is_numeric(values.dtype) and values.size}
 
 
 def _unit(attributes: Mapping[str, Any]) -> str:

@@ -95,7 +95,7 @@ class Contents:
         return self.variables[name]
 
 
-def stored(values: Any, unit: str = "", step: float | None = None, note: str = "") -> Variable:
+def from_memory(values: Any, unit: str = "", step: float | None = None, note: str = "") -> Variable:
     """Return a variable whose numbers are in memory."""
     return Variable(np.shape(values), partial(np.asarray, values), unit, step, note, bool(np.iscomplexobj(values)))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing import header_cells, moments
-from flexdesign.measurements.importing.contents import Array, Variable, stored
+from flexdesign.measurements.importing.contents import Array, Variable, from_memory
 
 #: What cells may be separated by; the last one is any white space.
 SEPARATORS = (";", "\t", ",", "|", " ")
@@ -57,7 +57,7 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     InputError
         If there are no rows of numbers, or rows differ in length.
     """
-    lines = [line.rstrip("\r") for line in _decoded(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
+    lines = [line.rstrip("\r") for line in _decode(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
     content = [line for line in lines if line.strip()]
     separator = dialect.separator or _separator(content)
     table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in content]
@@ -84,7 +84,7 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
             cells = [row[k] for row in rows]
             of_day = _of_day(cells)
             numbers = np.array([_number(cell, decimal) for cell in cells]) if of_day is None else of_day
-            found[name] = stored(numbers, units[k] if of_day is None else "s")
+            found[name] = from_memory(numbers, units[k] if of_day is None else "s")
     return found, notes
 
 
@@ -141,7 +141,7 @@ def _head(
     return [], frozenset()
 
 
-def _decoded(path: Path, encoding: str | None) -> str:
+def _decode(path: Path, encoding: str | None) -> str:
     data = path.read_bytes()
     if encoding is None:
         wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
@@ -215,7 +215,7 @@ def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], lis
     below = [*(headers[1] if len(headers) > 1 else ()), *[""] * width][:width]
     names, units = [], []
     for k, (title, under) in enumerate(zip(titles, below, strict=True)):
-        name, unit = header_cells.parted(title)
+        name, unit = header_cells.split_unit(title)
         stripped = under.strip("[](){} ")
         unit = unit or header_cells.unit_of(stripped) or stripped.strip("-")
         if not name or name in names:

@@ -60,7 +60,7 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
         folder cannot be written or has a ``measurements.toml`` already.
     """
     plan = read_map(plan) if isinstance(plan, Path) else plan
-    recordings = _assembled(paths, plan)
+    recordings = _assemble(paths, plan)
     described = folder / DESCRIPTION
     if described.exists():
         raise InputError(
@@ -73,7 +73,7 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
-            written = _written(recordings, plan, paths, Path(scratch))
+            written = _write(recordings, plan, paths, Path(scratch))
             found = _read_back(Path(scratch), folder, written)
             for file in written:
                 file.replace(folder / file.name)
@@ -85,7 +85,7 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
     return Imported(folder, tuple(each for each in found if isinstance(each, Run)), responses)
 
 
-def _assembled(paths: Sequence[Path], plan: Map) -> list[Recording]:
+def _assemble(paths: Sequence[Path], plan: Map) -> list[Recording]:
     """Return the recordings of all files: read together, or of each by itself, which are then named after it."""
     if not plan.per_file:
         return assemble(read_contents(paths, plan.dialect), plan)
@@ -97,7 +97,7 @@ def _assembled(paths: Sequence[Path], plan: Map) -> list[Recording]:
     return made
 
 
-def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], folder: Path) -> list[Path]:
+def _write(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], folder: Path) -> list[Path]:
     origin = f"imported from {', '.join(path.name for path in paths)}"
     tables, written = [], []
     for recording in recordings:

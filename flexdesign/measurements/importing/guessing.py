@@ -21,7 +21,7 @@ from flexdesign.measurements.recordings.time_base import fit_grid
 RATES = ("fs", "fsamp", "rate", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency", "abtastrate")
 PERIODS = ("ts", "dt", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval", "abtastzeit")
 #: The same in lines above a table: the words, the number, its unit.
-_SAID = re.compile(
+_PHRASES = re.compile(
     r"(sampl\w*[ _]*(?:rate|freq\w*)|abtastrate|\bfs\b)\W*([0-9.,eE+-]+)\W*([kM]?Hz|[kM]?S/s)?|"
     r"(sampl\w*[ _]*(?:interval|time|period)|abtastzeit|\bdt\b|\bts\b)\W*([0-9.,eE+-]+)\W*([num\u00b5]?s(?:ec)?)?\b",
     re.I,
@@ -101,7 +101,7 @@ def guess(contents: Contents) -> Guess:
     is_complex = [name for name, variable in arrays.items() if variable.is_complex]
     if is_complex:
         return _complex_response(contents, arrays, is_complex[0])
-    lines = {name: roles.line_of(_called(name, v), header_cells.si_of(v.unit)) for name, v in arrays.items()}
+    lines = {name: roles.line_of(_label(name, v), header_cells.si_of(v.unit)) for name, v in arrays.items()}
     shapes = ({"f", "magnitude", "phase"}, {"f", "re", "im"})
     remark = set(lines.values())
     if any(shape <= remark for shape in shapes) and not {"t", "u"} & {_role(n, v).column for n, v in arrays.items()}:
@@ -109,7 +109,7 @@ def guess(contents: Contents) -> Guess:
     return _run(contents, arrays)
 
 
-def _called(name: str, variable: Variable) -> str:
+def _label(name: str, variable: Variable) -> str:
     """Return what a file calls a variable."""
     return variable.label or _short(name)
 
@@ -120,7 +120,7 @@ def _short(name: str) -> str:
 
 
 def _role(name: str, variable: Variable) -> Role:
-    return roles.role_of(_called(name, variable), header_cells.si_of(variable.unit))
+    return roles.role_of(_label(name, variable), header_cells.si_of(variable.unit))
 
 
 def _run(contents: Contents, arrays: Mapping[str, Variable]) -> Guess:
@@ -131,12 +131,12 @@ def _run(contents: Contents, arrays: Mapping[str, Variable]) -> Guess:
     if time:
         columns.append(_column("t", time, arrays[time], questions))
         found.pop(time)
-    answers, doubt = _chosen("x", found)
+    answers, doubt = _choose("x", found)
     questions += doubt
-    commands, doubt = _chosen("u", {name: role for name, role in found.items() if name not in answers.values()})
+    commands, doubt = _choose("u", {name: role for name, role in found.items() if name not in answers.values()})
     questions += doubt
     if not answers:
-        answers = _only_one_left(found, commands)
+        answers = _only_candidate(found, commands)
     on_axes = len(answers) > 1 or len(commands) > 1
     for axis, name in commands.items():
         cell = f"u{axis}" if axis and (len(commands) > 1 or (on_axes and axis in answers)) else "u"
@@ -180,7 +180,7 @@ def _time(arrays: Mapping[str, Variable], found: Mapping[str, Role]) -> str:
         return next((name for _, name in named if rising[name]), named[0][1])
     if any(variable.step for variable in arrays.values()):
         return ""
-    unknown = [n for n, v in arrays.items() if not v.unit and "count" not in roles.classes(_called(n, v)) and _rises(v)]
+    unknown = [n for n, v in arrays.items() if not v.unit and "count" not in roles.classes(_label(n, v)) and _rises(v)]
     is_only = len(arrays) > 2 and len(unknown) == 1
     return unknown[0] if is_only and not _counts(arrays[unknown[0]]) else ""
 
@@ -196,7 +196,7 @@ def _counts(variable: Variable) -> bool:
     return bool((np.diff(variable.values().ravel()) == 1).all())
 
 
-def _chosen(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], list[str]]:
+def _choose(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], list[str]]:
     """Return the variables of the clearest ones of a role, by axis, and what is to be asked of them."""
     of_kind = {name: role for name, role in found.items() if role.column == letter}
     best = max((role.strength for role in of_kind.values()), default=0)
@@ -211,16 +211,16 @@ def _chosen(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], lis
         axis = "" if names and _short(names[0]).lower() == "y" else axis  # the output, with the input u
         doubt = []
         if names and best == 0 and letter == "u":
-            doubt = [f"whether {_said(names[0])} is the command; only its unit says so"]
+            doubt = [f"whether {_phrase(names[0])} is the command; only its unit says so"]
         return ({axis: names[0]} if names else {}), doubt
     axes = [role.axis for role in clear.values()]
     if best > 0 and len(set(axes)) == len(axes) and (set(axes) <= set(AXES) or set(axes) <= {"1", "2", "3"}):
         as_letter = {"1": "x", "2": "y", "3": "z"}
         return {as_letter.get(axis, axis): name for axis, name in zip(axes, names, strict=True)}, []
-    return {"": names[0]}, [f"which of {_listed(names)} is the {what} {letter}"]
+    return {"": names[0]}, [f"which of {_list(names)} is the {what} {letter}"]
 
 
-def _only_one_left(found: Mapping[str, Role], commands: Mapping[str, str]) -> dict[str, str]:
+def _only_candidate(found: Mapping[str, Role], commands: Mapping[str, str]) -> dict[str, str]:
     """Return the only variable that could be the response, where none is called or measured like one."""
     left = [name for name, role in found.items() if name not in commands.values() and role.column in ("", "u", "v")]
     left = [name for name in left if "count" not in roles.classes(_short(name))]
@@ -229,7 +229,7 @@ def _only_one_left(found: Mapping[str, Role], commands: Mapping[str, str]) -> di
 
 def _column(name: str, variable: str, of: Variable, questions: list[str]) -> Column:
     """Return a column of a variable; ask for its unit where the file does not say it or says one of another kind."""
-    short, what = _said(variable), MEANS.get(name if name == "t" else name[0] if name[0] == "u" else "x", "response")
+    short, what = _phrase(variable), MEANS.get(name if name == "t" else name[0] if name[0] == "u" else "x", "response")
     if not of.unit:
         questions.append(f"the unit of {short}, the {what} {name} ({USUAL[_kind(name)]}?)")
         return Column(name, variable, "?")
@@ -266,7 +266,7 @@ def _without_command(columns: list[Column], arrays: Mapping[str, Variable], ques
     name, unit = reference.variable, arrays[reference.variable].unit
     if not name.isidentifier():
         return columns
-    questions.append(f"how many volts a commanded {unit} of {_said(name)} means: volts_per_length")
+    questions.append(f"how many volts a commanded {unit} of {_phrase(name)} means: volts_per_length")
     made = Column("u", "", "V", f"volts_per_length * {name}", {"volts_per_length": f"? V/{unit}"})
     return [*columns, made]
 
@@ -276,14 +276,14 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
     questions: list[str] = []
     columns = []
     lines = {
-        each: roles.line_of(_called(each, v), header_cells.si_of(v.unit)) for each, v in arrays.items() if each != name
+        each: roles.line_of(_label(each, v), header_cells.si_of(v.unit)) for each, v in arrays.items() if each != name
     }
     frequency = next((each for each, what in lines.items() if what == "f"), "")
     columns.append(_frequency(frequency, arrays, questions))
     if arrays[name].unit and _fits(RESPONSE, arrays[name]):
         columns.append(Column(RESPONSE, name))
     else:
-        questions.append(f"the unit of {_said(name)}, the response per volt (um/V?)")
+        questions.append(f"the unit of {_phrase(name)}, the response per volt (um/V?)")
         columns.append(Column(RESPONSE, name, "?"))
     coherence = next((each for each, what in lines.items() if what == "coherence"), "")
     if coherence:
@@ -300,12 +300,12 @@ def _frequency(name: str, arrays: Mapping[str, Variable], questions: list[str]) 
     if not name:
         questions.append("which variable is the frequency f")
         return Column("f", "", "?")
-    if "angular" in roles.classes(_called(name, arrays[name])) and not arrays[name].unit and name.isidentifier():
+    if "angular" in roles.classes(_label(name, arrays[name])) and not arrays[name].unit and name.isidentifier():
         remark = "an angular frequency, by its name"
         return Column("f", "", "Hz", f"{name} / (2 * pi)", variables={name: "rad/s"}, remark=remark)
     if arrays[name].unit:
         return Column("f", name)
-    questions.append(f"the unit of {_said(name)}, the frequency f (Hz?)")
+    questions.append(f"the unit of {_phrase(name)}, the frequency f (Hz?)")
     return Column("f", name, "?")
 
 
@@ -328,11 +328,11 @@ def _line(what: str, name: str, variable: Variable, questions: list[str]) -> Col
     if what == "phase":
         largest = float(np.nanmax(np.abs(variable.values()), initial=0.0))
         if not variable.unit and not largest > TURNS * 2 * math.pi:
-            questions.append(f"the unit of {_said(name)}, the phase (deg or rad?)")
+            questions.append(f"the unit of {_phrase(name)}, the phase (deg or rad?)")
             return Column(what, name, "?")
         return Column(what, name, "" if variable.unit else "deg")
     if si == header_cells.DECIBEL:
-        questions.append(f"what 0 dB of {_said(name)} is: zero_db, such as 1 um/V")
+        questions.append(f"what 0 dB of {_phrase(name)} is: zero_db, such as 1 um/V")
         if name.isidentifier():
             constants, variables = {"zero_db": "? um/V"}, {name: "1"}
             return Column(what, "", "um/V", f"zero_db * 10 ** ({name} / 20)", constants, variables)
@@ -341,7 +341,7 @@ def _line(what: str, name: str, variable: Variable, questions: list[str]) -> Col
         )
     if si in ("m/V", "rad/V") or (si == "1" and variable.unit):
         return Column(what, name)
-    questions.append(f"the unit of {_said(name)}, the {what} per volt (um/V?)")
+    questions.append(f"the unit of {_phrase(name)}, the {what} per volt (um/V?)")
     return Column(what, name, "?")
 
 
@@ -353,12 +353,12 @@ def _rate(contents: Contents) -> str:
             number = float(variable.values().item())
             if math.isfinite(number) and number > 0:
                 return f"{number if plain in RATES else 1 / number:.12g} Hz"
-    return next(_rates_said(contents.notes), "?")
+    return next(_stated_rates(contents.notes), "?")
 
 
-def _rates_said(notes: Sequence[str]) -> Iterator[str]:
+def _stated_rates(notes: Sequence[str]) -> Iterator[str]:
     for note in notes:
-        for match in _SAID.finditer(note[:200]):
+        for match in _PHRASES.finditer(note[:200]):
             text = (match[2] or match[5] or "").rstrip(".,").replace(",", ".")
             try:
                 number = float(text)
@@ -373,9 +373,9 @@ def _rates_said(notes: Sequence[str]) -> Iterator[str]:
                 yield f"{1 / (number * {'m': 1e-3, 'u': 1e-6, 'µ': 1e-6, 'n': 1e-9}.get(unit[:1], 1.0)):.12g} Hz"
 
 
-def _said(name: str) -> str:
+def _phrase(name: str) -> str:
     return f'"{name}"'
 
 
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(_said(name) for name in names) if len(names) < 3 else ", ".join(map(_said, names))
+def _list(names: Sequence[str]) -> str:
+    return " and ".join(_phrase(name) for name in names) if len(names) < 3 else ", ".join(map(_phrase, names))

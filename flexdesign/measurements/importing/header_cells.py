@@ -63,14 +63,14 @@ def si_of(unit: str) -> str:
         return ""
 
 
-def parted(cell: str) -> tuple[str, str]:
+def split_unit(cell: str) -> tuple[str, str]:
     """Return name and unit of a header cell; the unit is empty where none is stated.
 
     A unit in brackets is one, wherever it stands. One behind a separator is one if it is that of what the name says:
     ``pos_m`` is in metres, ``Channel A`` has no unit.
 
-    >>> parted("x [um]"), parted("Weg in µm"), parted("time_ms"), parted("Kanal A (mV)"), parted("Channel A")
-    (('x', 'um'), ('Weg', 'µm'), ('time', 'ms'), ('Kanal A', 'mV'), ('Channel A', ''))
+    >>> [split_unit(cell) for cell in ("x [um]", "Weg in µm", "time_ms", "Kanal A (mV)", "Channel A")]
+    [('x', 'um'), ('Weg', 'µm'), ('time', 'ms'), ('Kanal A', 'mV'), ('Channel A', '')]
     """
     cell = cell.strip()
     if len(cell) > unit_tables.LONGEST:

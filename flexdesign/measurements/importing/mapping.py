@@ -296,7 +296,7 @@ def _constants(given: Any, path: Path) -> dict[str, Any]:
         raise InputError(path, "constants", toml_files.as_written(given), "expected a table: [constants]")
     found = {}
     for name, value in (given or {}).items():
-        _called(name, path, f"constants.{name}")
+        _require_name(name, path, f"constants.{name}")
         try:
             found[name] = units.quantity_from_text(value)
         except ValueError as error:
@@ -309,14 +309,14 @@ def _variables(given: Any, path: Path) -> dict[str, VariableTable]:
         raise InputError(path, "variables", toml_files.as_written(given), "expected a table for each: [variables.NAME]")
     found = {}
     for name, table in (given or {}).items():
-        _called(name, path, f"variables.{name}")
+        _require_name(name, path, f"variables.{name}")
         found[name] = toml_files.check(VariableTable, table, path, f"variables.{name}")
         if not found[name].variable:
             found[name] = found[name].model_copy(update={"variable": name})
     return found
 
 
-def _called(name: str, path: Path, field: str) -> None:
+def _require_name(name: str, path: Path, field: str) -> None:
     if not name.isidentifier() or name == "pi" or name in arithmetic.FUNCTIONS:
         remedy = "is no name for a formula; use letters, digits and _, not the name of a function or pi"
         raise InputError(path, field, None, remedy)

@@ -50,7 +50,7 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
     found = []
     notes: list[str] = []
     for path in paths:
-        variables, remark = _opened(path, dialect)
+        variables, remark = _open(path, dialect)
         if not variables:
             raise InputError(path, "", None, "holds no array of numbers")
         notes += remark
@@ -83,7 +83,7 @@ def _is_recording(path: Path) -> bool:
     return path.is_file() and not path.name.startswith(".") and path.suffix.lower() != ".toml"
 
 
-def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...]]:
+def _open(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...]]:
     ending = path.suffix.lower()
     try:
         with path.open("rb"):  # what the system says is clearer than what libraries make of it

@@ -45,12 +45,12 @@ count: index idx sample samples nr no number point points count punkt row zeile 
 """
 
 
-def _listed(vocabulary: str) -> dict[str, tuple[str, ...]]:
+def _read_vocabulary(vocabulary: str) -> dict[str, tuple[str, ...]]:
     kinds = (line.partition(":") for line in vocabulary.strip().replace("\n    ", " ").splitlines())
     return {kind: tuple(words.split()) for kind, _, words in kinds}
 
 
-WORDS = _listed(_VOCABULARY)
+VOCABULARY = _read_vocabulary(_VOCABULARY)
 #: Shorter words are no part of longer ones.
 SHORTEST = 4
 #: SI units of motion.
@@ -78,10 +78,10 @@ class Role:
     axis: str = ""
 
 
-def words(name: str) -> list[str]:
+def split_name(name: str) -> list[str]:
     """Return the words of a name, in small letters without accents; numbers by themselves.
 
-    >>> words("PiezoSpannung_ist2"), words("Déplacement-X"), words("bench/AO0")
+    >>> split_name("PiezoSpannung_ist2"), split_name("Déplacement-X"), split_name("bench/AO0")
     (['piezo', 'spannung', 'ist', '2'], ['deplacement', 'x'], ['bench', 'ao', '0'])
     """
     plain = "".join(
@@ -92,9 +92,9 @@ def words(name: str) -> list[str]:
 
 
 def classes(name: str) -> set[str]:
-    """Return the classes of `WORDS` that the words of a name belong to."""
-    remark = words(name)
-    return {kind for kind, known in WORDS.items() if any(_is(word, known) for word in remark)}
+    """Return the classes of `VOCABULARY` that the words of a name belong to."""
+    remark = split_name(name)
+    return {kind for kind, known in VOCABULARY.items() if any(_is(word, known) for word in remark)}
 
 
 def _is(word: str, known: Sequence[str]) -> bool:
@@ -106,7 +106,7 @@ def _is(word: str, known: Sequence[str]) -> bool:
 
 def axis_of(name: str) -> str:
     """Return the axis or the number that a name has: ``x`` of ``Sensor X`` or ``ux``, ``2`` of ``CH2``."""
-    remark = words(name)
+    remark = split_name(name)
     for word in remark:
         if match := _AXIS.fullmatch(word):
             return match[1]

@@ -65,9 +65,9 @@ def proposal(paths: Sequence[Path]) -> Proposal:
             group.append(k)
     if len(groups) > 1 and not all(_is_whole(guesses[group[0]]) for group in groups):
         together = read_contents(paths)
-        return _written([together], [guess(together)], [paths])
+        return _text([together], [guess(together)], [paths])
     first = [alone[group[0]] for group in groups]
-    return _written(first, [guesses[group[0]] for group in groups], [[paths[k] for k in group] for group in groups])
+    return _text(first, [guesses[group[0]] for group in groups], [[paths[k] for k in group] for group in groups])
 
 
 def propose(paths: Sequence[Path]) -> str:
@@ -81,7 +81,7 @@ def template(contents: Contents, similar: Sequence[Path] = ()) -> str:
     The text is TOML. Guesses are marked; lines that nobody can guess are ``?`` and refused until they are replaced.
     Files of `similar` hold the same variables, and the map is for each of them.
     """
-    return _written([contents], [guess(contents)], [[*contents.paths, *similar]]).text
+    return _text([contents], [guess(contents)], [[*contents.paths, *similar]]).text
 
 
 def asking(paths: Sequence[Path], questions: Sequence[str], then: str = "") -> InputError:
@@ -106,7 +106,7 @@ def _is_whole(found: Guess) -> bool:
     return all(column.variable or column.formula for column in found.columns)
 
 
-def _written(contents: Sequence[Contents], guesses: Sequence[Guess], files: Sequence[Sequence[Path]]) -> Proposal:
+def _text(contents: Sequence[Contents], guesses: Sequence[Guess], files: Sequence[Sequence[Path]]) -> Proposal:
     """Return the map of some groups of files, each with what its first file holds and the guess for it."""
     head: list[str] = []
     questions: list[str] = []
@@ -183,10 +183,10 @@ def _row(name: str, variable: Variable) -> list[str]:
     if variable.size == 1:
         remark.append(f"= {variable.values().item():.6g}")
     note = _line("; ".join([*remark, variable.note]).strip("; "))
-    return [_quoted(name), size, _line(unit), note]
+    return [_quote(name), size, _line(unit), note]
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     return json.dumps(name, ensure_ascii=not name.isprintable())
 
 
@@ -195,7 +195,7 @@ def _column(column: Column, contents: Contents) -> list[str]:
         remark = f"  # {column.remark}" if column.remark else ""
         return [f"formula = {json.dumps(column.formula)}{remark}", f"unit = {json.dumps(column.unit)}"]
     variable = contents.variables.get(column.variable)
-    lines = [f"variable = {_quoted(column.variable or '?')}" + ("  # a guess" if column.variable else "")]
+    lines = [f"variable = {_quote(column.variable or '?')}" + ("  # a guess" if column.variable else "")]
     if column.unit == "?":
         lines.append(f'unit = "?"  # {_line(column.remark) or USUAL.get(column.name, USUAL[_kind(column.name)]) + "?"}')
     elif column.unit:

@@ -96,10 +96,10 @@ def line_noise(response: FrequencyResponse) -> LineNoise:
         variance = variance * (count / left) * left / math.exp(float(digamma(left)))
         dof = float(2 * (count - 1) * len(size))
         return LineNoise(np.sqrt(np.maximum(variance, floor**2)), True, max(dof, 1.0))
-    return LineNoise(np.maximum(_scatter(response), floor), False, 0.0)
+    return LineNoise(np.maximum(_line_scatter(response), floor), False, 0.0)
 
 
-def _scatter(response: FrequencyResponse) -> Array:
+def _line_scatter(response: FrequencyResponse) -> Array:
     """Return how far lines are from the curve through their neighbours, as a standard deviation of each part.
 
     The response itself bends, most at a resonance, so that this is too large rather than too small.

@@ -18,7 +18,7 @@ from flexdesign.measurements.noise_level.sources import (
     Source,
     differences_of_periods,
     differences_of_repeats,
-    quiet_stretches,
+    stationary_stretches,
 )
 from flexdesign.measurements.recordings import Run
 
@@ -28,7 +28,7 @@ ENOUGH = 10.0
 #: Sources, or runs, whose levels differ by more than this factor, and by more than chance, disagree.
 DISAGREES = 1.5
 #: Standard errors that chance does not exceed.
-CHANCE = 4.0
+STANDARD_ERRORS = 4.0
 #: Where the noise is unknown: samples in a segment of the spectrum, and which of its quantiles counts as noise.
 SEGMENT, LOWEST = 1024, 0.1
 #: Readings with fewer different values do not show the sensor's step.
@@ -133,7 +133,7 @@ def noise_floor(
     smallest = _smallest(runs, axis)
     stated = sensor_noise or max((run.sensors[axis].noise or 0.0 for run in runs if axis in run.sensors), default=0.0)
     sources = [
-        quiet_stretches(runs, axis, settling_time),
+        stationary_stretches(runs, axis, settling_time),
         differences_of_periods(runs, axis, settling_time),
         differences_of_repeats(runs, axis),
     ]
@@ -182,9 +182,9 @@ def _level(source: Source, runs: Sequence[Run], smallest: float, remove_lines: b
     for name, period in periods.items():
         if name not in processes:
             nearest = min(pooled, key=lambda p: abs(math.log(p / period)))
-            processes[name] = resampled(pooled[nearest], nearest, period)
+            processes[name] = resample(pooled[nearest], nearest, period)
             remarks.append(f"the noise of {name} follows from runs with another sampling period")
-    return _Level(source, processes, _merged(lines), dof, tuple(remarks))
+    return _Level(source, processes, _merge(lines), dof, tuple(remarks))
 
 
 def _process(stretches: Sequence[Stretch], smallest: float) -> tuple[Process, Sequence[Stretch], float]:
@@ -199,7 +199,7 @@ def _process(stretches: Sequence[Stretch], smallest: float) -> tuple[Process, Se
     curved, effective = estimate(stretches)
     gain = sum(_squares(curved, s) - _squares(curved, bent) for s, bent in zip(straight, stretches, strict=True))
     extra = sum(s.trend.shape[1] - 2 for s in stretches)
-    bends = gain > extra + CHANCE * math.sqrt(2 * extra)
+    bends = gain > extra + STANDARD_ERRORS * math.sqrt(2 * extra)
     process, effective = (curved, effective) if bends else estimate(straight)
     if process.rms <= smallest:
         process = Process.white(smallest)
@@ -218,10 +218,10 @@ def _own_level(process: Process, own: Sequence[Stretch]) -> float:
         return 1.0
     factor = math.sqrt(max(sum(_squares(process, s) for s in own) / dof, 1e-12))
     differs = abs(math.log(factor))
-    return factor if differs > math.log(DISAGREES) and differs > CHANCE * math.sqrt(0.5 / dof) else 1.0
+    return factor if differs > math.log(DISAGREES) and differs > STANDARD_ERRORS * math.sqrt(0.5 / dof) else 1.0
 
 
-def resampled(process: Process, period: float, to: float) -> Process:
+def resample(process: Process, period: float, to: float) -> Process:
     """Return the process that noise of one sampling period is when sampled with another.
 
     Its correlation is taken as linear between the lags that are known, which is a correlation, too.
@@ -232,7 +232,7 @@ def resampled(process: Process, period: float, to: float) -> Process:
     return Process.from_covariances(process.rms**2 * correlation)
 
 
-def _merged(lines: Sequence[Sinusoid]) -> tuple[Sinusoid, ...]:
+def _merge(lines: Sequence[Sinusoid]) -> tuple[Sinusoid, ...]:
     """Return lines without those that another sampling period shows again."""
     merged: list[Sinusoid] = []
     for line in sorted(lines, key=lambda line: line.frequency):
@@ -249,7 +249,7 @@ def _disagreements(chosen: _Level, levels: Sequence[_Level], stated: float) -> l
             continue
         factor = float(np.median([process.rms for process in other.processes.values()])) / median
         error = math.sqrt(0.5 / chosen.dof + 0.5 / other.dof)
-        if abs(math.log(factor)) > max(math.log(DISAGREES), CHANCE * error):
+        if abs(math.log(factor)) > max(math.log(DISAGREES), STANDARD_ERRORS * error):
             why = "; noise grows with motion, or the motion does not repeat itself" if factor > 1 else ""
             remark.append(f"{other.source.words} would give {factor:.2g} times this noise{why}")
     if stated and not 1 / 3 < median / stated < 3:

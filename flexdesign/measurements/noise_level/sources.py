@@ -26,9 +26,9 @@ JITTERS, TURNS = 0.02, 0.5
 #: Two readings of a command are the same if they differ by less than this share of its span; it moves if by more.
 SAME, MOVES = 1e-4, 0.02
 #: How often noise alone may look as if it decayed.
-BY_CHANCE = 1e-4
+SIGNIFICANCE = 1e-4
 #: The same of all stretches together, where a mistake costs but a few samples.
-BY_CHANCE_TOGETHER = 0.05
+JOINT_SIGNIFICANCE = 0.05
 #: By how much the time to settle is lengthened at a time, and which part of the samples must be left.
 LONGER, KEPT = 1.25, 0.3
 #: Most samples that count as one in differences of noise.
@@ -63,7 +63,7 @@ class Source:
         return 1 / max(math.sqrt(float(np.mean(squares))), 0.1)
 
 
-def quiet_stretches(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
+def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
     """Return where all commands stand still and nothing rings.
 
     Parameters
@@ -76,19 +76,19 @@ def quiet_stretches(runs: Sequence[Run], axis: str, settling_time: float) -> Sou
         How long the stage rings after a command has come to rest [s]; more where the stretches, taken together, still
         decay. A record that begins at rest is taken from its first sample, unless it rings.
     """
-    found = _quiet(runs, axis, settling_time)
+    found = _stationary(runs, axis, settling_time)
     fewest = KEPT * sum(len(s.values) for s in found)
-    while (later := [s.values for s in found if s.first]) and _decay(later, BY_CHANCE_TOGETHER):
+    while (later := [s.values for s in found if s.first]) and _decay(later, JOINT_SIGNIFICANCE):
         settling_time *= LONGER
-        fewer = _quiet(runs, axis, settling_time)
+        fewer = _stationary(runs, axis, settling_time)
         left = sum(len(s.values) for s in fewer)
         if left < fewest or left == sum(len(s.values) for s in found):
             break
         found = fewer
-    return Source(_words("quiet stretches", runs, found), tuple(found))
+    return Source(_describe("quiet stretches", runs, found), tuple(found))
 
 
-def _quiet(runs: Sequence[Run], axis: str, settling_time: float) -> list[Stretch]:
+def _stationary(runs: Sequence[Run], axis: str, settling_time: float) -> list[Stretch]:
     spans, found = _spans(runs), []
     for run in runs:
         window = max(1, math.ceil(LOOK / run.period))
@@ -99,7 +99,7 @@ def _quiet(runs: Sequence[Run], axis: str, settling_time: float) -> list[Stretch
             if begin >= last or any(np.ptp(run.columns[c][begin:last]) > DRIFTED * spans[c] for c in run.commands):
                 continue
             for a, b in where_up(finite[begin:last]):
-                found += _settled(run, begin + a, run.columns[axis][begin + a : begin + b], last_motion)
+                found += _after_decay(run, begin + a, run.columns[axis][begin + a : begin + b], last_motion)
     return found
 
 
@@ -129,10 +129,10 @@ def differences_of_periods(runs: Sequence[Run], axis: str, settling_time: float)
             if _is_louder(difference[:passed], difference[passed:]):
                 begin, difference = begin + passed, difference[passed:]
         for a, b in where_up(np.isfinite(difference)):
-            made = _settled(run, begin + a, difference[a:b], first)
+            made = _after_decay(run, begin + a, difference[a:b], first)
             found += made
             lags += [lag * run.period] * len(made)
-    return Source(_words("difference of periods", runs, found), tuple(found), tuple(lags))
+    return Source(_describe("difference of periods", runs, found), tuple(found), tuple(lags))
 
 
 def differences_of_repeats(runs: Sequence[Run], axis: str) -> Source:
@@ -147,8 +147,8 @@ def differences_of_repeats(runs: Sequence[Run], axis: str) -> Source:
         left.remove(other)
         difference = (other.columns[axis] - one.columns[axis]) / math.sqrt(2)
         for a, b in where_up(np.isfinite(difference)):
-            found += _settled(one, a, difference[a:b], None)
-    return Source(_words("difference of repeats", runs, found), tuple(found))
+            found += _after_decay(one, a, difference[a:b], None)
+    return Source(_describe("difference of repeats", runs, found), tuple(found))
 
 
 def _spans(runs: Sequence[Run]) -> dict[str, float]:
@@ -187,7 +187,7 @@ def _jitter(command: Array, largest: float) -> float:
     return float(np.quantile(np.abs(changes[is_small]), 0.99))
 
 
-def _settled(run: Run, first: int, values: Array, last_motion: int | None) -> list[Stretch]:
+def _after_decay(run: Run, first: int, values: Array, last_motion: int | None) -> list[Stretch]:
     """Return a stretch without the part of it in which something still decays; nothing if too little is left.
 
     Parameters
@@ -200,7 +200,7 @@ def _settled(run: Run, first: int, values: Array, last_motion: int | None) -> li
         Index at which a command came to rest or a period began: from there creep goes with the logarithm of time.
     """
     fewest = max(FEWEST, math.ceil(SHORTEST / run.period))
-    while len(values) >= fewest and _decay([values], BY_CHANCE):
+    while len(values) >= fewest and _decay([values], SIGNIFICANCE):
         dropped = len(values) // 4
         first, values = first + dropped, values[dropped:]
     if len(values) < fewest:
@@ -221,7 +221,7 @@ def _is_louder(one: Array, other: Array) -> bool:
     for part in (one - one.mean(), other - other.mean()):
         powers.append(float(part @ part) / len(part))
         counted.append(max(len(part) / colour(part).inflation, 1.0))
-    return powers[0] > ratio_of_variances.isf(BY_CHANCE**0.5, *counted) * powers[1]
+    return powers[0] > ratio_of_variances.isf(SIGNIFICANCE**0.5, *counted) * powers[1]
 
 
 def _decay(records: Sequence[Array], probability: float) -> bool:
@@ -288,7 +288,7 @@ def _same(one: Run, other: Run, spans: dict[str, float]) -> bool:
     )
 
 
-def _words(what: str, runs: Sequence[Run], found: Sequence[Stretch]) -> str:
+def _describe(what: str, runs: Sequence[Run], found: Sequence[Stretch]) -> str:
     period = {run.name: run.period for run in runs}
     seconds = sum(len(s.values) * period[s.run] for s in found)
     count = len({s.run for s in found})

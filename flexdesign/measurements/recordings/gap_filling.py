@@ -17,7 +17,7 @@ SHORT = 3
 STILL = 0.01
 
 
-def bridged(
+def fill_gaps(
     sheet: Sheet, time: Array, placed: dict[str, Array], between: Between
 ) -> tuple[dict[str, Array], list[str]]:
     """Return columns whose commands have no gap, and remarks.

@@ -73,11 +73,11 @@ def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run
     _enough(sheet.path, len(sheet.lines))
     sheet, out_of_order = time_base.in_order(sheet)
     _enough(sheet.path, len(sheet.lines))
-    sheet, unbelievable = sensor_faults.masked(sheet, sensors)
+    sheet, unbelievable = sensor_faults.mask_faults(sheet, sensors)
     grid, uneven = time_base.grid_of(sheet)
     time, recorded, left_out = time_base.trim(grid.time, time_base.on_grid(sheet, grid, between))
     _enough(sheet.path, len(time))
-    recorded, bridges = gap_filling.bridged(sheet, time, recorded, between)
+    recorded, bridges = gap_filling.fill_gaps(sheet, time, recorded, between)
     closed = settings.closed_loop if settings.closed_loop is not None else setup.closed_loop
     commands = {name: setup.scale * values + setup.bias for name, values in recorded.items() if name in COMMANDS}
     recorded |= commands

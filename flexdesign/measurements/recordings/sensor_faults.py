@@ -39,7 +39,7 @@ STILL = 1e-5
 NOISY, RESUMED = 2.0, 5
 
 
-def masked(sheet: Sheet, sensors: Mapping[str, Sensor]) -> tuple[Sheet, list[str]]:
+def mask_faults(sheet: Sheet, sensors: Mapping[str, Sensor]) -> tuple[Sheet, list[str]]:
     """Return a sheet with NaN where a response cannot be believed, and remarks that name what was found, and where.
 
     Parameters
@@ -74,7 +74,7 @@ def masked(sheet: Sheet, sensors: Mapping[str, Sensor]) -> tuple[Sheet, list[str
             remarks.append(f"{name} {stuck}; left out")
             del values[name]
             continue
-        found = _faults(reading, command, resting, sensors.get(name, Sensor()).range)
+        found = _find_faults(reading, command, resting, sensors.get(name, Sensor()).range)
         for what, rows in found.items():
             if rows.any():
                 remarks.append(f"{name} {what} in {sheet.where(rows)}; not used there")
@@ -95,7 +95,7 @@ def _resting(commands: Sequence[Array]) -> Mask:
     return np.all([np.abs(np.diff(each)) <= STILL * _span(each) for each in commands], axis=0)
 
 
-def _faults(reading: Array, command: Array, resting: Mask, span: tuple[float, float] | None) -> dict[str, Mask]:
+def _find_faults(reading: Array, command: Array, resting: Mask, span: tuple[float, float] | None) -> dict[str, Mask]:
     """Return by what is wrong where it is."""
     step = _smallest_step(reading)
     low, high = float(np.nanmin(reading)), float(np.nanmax(reading))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexdesign.measurements.recordings.run import Role, Run
 
 #: The share of the runs that is kept for validation.
-KEPT = 0.25
+VALIDATION_SHARE = 0.25
 #: With fewer moving runs none is for testing: of six, two validate, one tests and three are fitted; of five or fewer,
 #: a test run would leave the fit less than it needs, or a single run to choose the model by.
 ENOUGH = 6
@@ -58,12 +58,12 @@ def split(runs: Sequence[Run], *, test: bool = False) -> tuple[Run, ...]:
     """
     if any(run.role_is_stated or run.role != "identify" for run in runs):
         return tuple(runs)
-    moving = [run for run in runs if not _is_quiet(run, runs)]
+    moving = [run for run in runs if not _has_constant_command(run, runs)]
     validation_runs = _chosen(moving)
     if validation_runs:
         roles: dict[str, Role] = dict.fromkeys(validation_runs, "validate")
         left = [run for run in moving if run.name not in validation_runs]
-        if test and len(moving) >= ENOUGH and (tested := _tested(left)) is not None:
+        if test and len(moving) >= ENOUGH and (tested := _test_run(left)) is not None:
             roles[tested] = "test"
         return tuple(replace(run, role=roles.get(run.name, run.role)) for run in runs)
     parted = max(moving, key=lambda run: len(run.time), default=None)
@@ -72,7 +72,7 @@ def split(runs: Sequence[Run], *, test: bool = False) -> tuple[Run, ...]:
     return tuple(part for run in runs for part in (_blocks(run) if run is parted else (run,)))
 
 
-def _is_quiet(run: Run, runs: Sequence[Run]) -> bool:
+def _has_constant_command(run: Run, runs: Sequence[Run]) -> bool:
     largest = max(float(np.ptp(each.command(), axis=-1).max()) for each in runs)
     return float(np.ptp(run.command(), axis=-1).max()) <= STILL * largest
 
@@ -85,7 +85,7 @@ def _by_kind(runs: Sequence[Run]) -> list[list[str]]:
     return sorted(kinds.values(), key=len, reverse=True)
 
 
-def _tested(left: Sequence[Run]) -> str | None:
+def _test_run(left: Sequence[Run]) -> str | None:
     """Return the name of the run that tests, of those not for validation; None if each is alone of its kind."""
     names = _by_kind(left)[0]
     return names[len(names) // 2] if len(names) > 1 else None
@@ -96,7 +96,7 @@ def _chosen(moving: Sequence[Run]) -> set[str]:
     order = _by_kind(moving)
     turns = range(1, max(map(len, order), default=0))
     served = [kind for turn in turns for kind, names in enumerate(order) if len(names) > turn]
-    many = Counter(served[: max(1, round(KEPT * len(moving)))])
+    many = Counter(served[: max(1, round(VALIDATION_SHARE * len(moving)))])
     return {order[kind][-1 - k * len(order[kind]) // count] for kind, count in many.items() for k in range(count)}
 
 

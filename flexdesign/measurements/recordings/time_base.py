@@ -167,14 +167,14 @@ def on_grid(sheet: Sheet, grid: Grid, between: Between) -> dict[str, Array]:
         else:
             there = np.isfinite(values)
             hold = between == "hold" and name in COMMANDS
-            placed[name] = _resampled(sheet.moments()[there], values[there], grid.time, hold, name in COMMANDS)
+            placed[name] = _resample(sheet.moments()[there], values[there], grid.time, hold, name in COMMANDS)
             if there.mean() > MOSTLY > np.isfinite(placed[name]).mean():
                 remedy = f"is too irregular: most rows are farther than {GAP:g} median periods apart; record it again"
                 raise sheet.cell_error(0, "t", None, remedy)
     return placed
 
 
-def _resampled(rows: Array, values: Array, time: Array, hold: bool, straight: bool) -> Array:
+def _resample(rows: Array, values: Array, time: Array, hold: bool, straight: bool) -> Array:
     if not len(rows):
         return np.full(len(time), np.nan)
     before = np.clip(np.searchsorted(rows, time, side="right") - 1, 0, max(len(rows) - 2, 0))
@@ -188,11 +188,11 @@ def _resampled(rows: Array, values: Array, time: Array, hold: bool, straight: bo
     elif straight:
         found = np.interp(time, rows, values)
     else:
-        found = _splined(rows, values, time, step)
+        found = _interpolate(rows, values, time, step)
     return np.where(inside, found, np.nan)
 
 
-def _splined(rows: Array, values: Array, time: Array, longest: float) -> Array:
+def _interpolate(rows: Array, values: Array, time: Array, longest: float) -> Array:
     """Interpolate piece by piece, so that no curve is bent by a gap."""
     from scipy.interpolate import CubicSpline
 

@@ -12,7 +12,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.measurements.recordings.run import AXES, Run, commanded_by
 
 #: How far from a power of a thousand, in powers of ten: a resonance or a creeping stage does not take half of one.
-NEAR = 0.5
+TOLERANCE = 0.5
 #: A response that correlates with its command at least so well follows it: no resonance above which it falls behind, no
 #: sensor that reads its noise, has made it so much smaller.
 FOLLOWS = 0.7
@@ -97,7 +97,7 @@ def _off(run: Run, gain: float, name: str) -> _Off | None:
         return None
     powers = math.log10(span / expected)
     thousands = round(powers / 3)
-    if not thousands or abs(powers - 3 * thousands) >= NEAR:
+    if not thousands or abs(powers - 3 * thousands) >= TOLERANCE:
         return None
     si = run.si[name]
     unit = units.DISPLAY.get(si, si)

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
 from flexdesign.diagnosis.experiment_design.signature import EffectResponse
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
-from flexdesign.report.traces import thinned
+from flexdesign.report.traces import thin_out
 
 #: Of the readings with and without the effect, and of their difference.
 WITH, DIFFERENCE = COLOURS[1], COLOURS[0]
 #: How responses are drawn: SI unit -> unit and its factor.
-SHOWN = {"m": ("µm", 1e6), "rad": ("µrad", 1e6), "V": ("V", 1.0)}
+DISPLAY_UNITS = {"m": ("µm", 1e6), "rad": ("µrad", 1e6), "V": ("V", 1.0)}
 #: A hold is drawn from this long after its step on [s].
 FIRST = 0.05
 
@@ -63,7 +63,7 @@ def draw(
         What the curves are called.
     """
     make, words = _VIEWS.get(seen.command.kind, (_over_time, "Reading over time"))
-    return _drawn(make(seen, *SHOWN[response]), labels), words
+    return _draw(make(seen, *DISPLAY_UNITS[response]), labels), words
 
 
 def commands(experiments: Sequence[Command]) -> bytes:
@@ -75,7 +75,7 @@ def commands(experiments: Sequence[Command]) -> bytes:
     figure = Figure(figsize=(7.6, 1.45 * rows), layout="constrained")
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for place, command in zip(grid.flat, experiments, strict=False):
-        x, y = thinned(command.time, command.samples)
+        x, y = thin_out(command.time, command.samples)
         place.plot(x, y, color=COLOURS[2] if command.role == "validate" else COLOURS[0], linewidth=0.8)
         place.set_title(command.name, fontsize=8, color=NEUTRAL, loc="left", pad=3)
         plain(place)
@@ -88,7 +88,7 @@ def commands(experiments: Sequence[Command]) -> bytes:
     return svg(figure)
 
 
-def _drawn(pair: Pair, labels: tuple[str, str]) -> bytes:
+def _draw(pair: Pair, labels: tuple[str, str]) -> bytes:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
@@ -123,16 +123,16 @@ def _plot(place: Any, x: Array, y: Array, log: str, **style: Any) -> None:
 
 def _over_time(seen: EffectResponse, unit: str, factor: float) -> Pair:
     time, without, affected = seen.command.time, seen.without * factor, seen.affected * factor
-    keep = _kept(time, affected - without)
+    keep = _thin_out(time, affected - without)
     return Pair(
         time[keep], without[keep], affected[keep], (affected - without)[keep], "time [s]", f"reading [{unit}]",
         f"difference [{unit}]",
     )  # fmt: skip
 
 
-def _kept(x: Array, y: Array) -> NDArray[np.intp]:
+def _thin_out(x: Array, y: Array) -> NDArray[np.intp]:
     """Return the places at which a curve keeps its shape when drawn with fewer points."""
-    return np.searchsorted(x, thinned(x, y)[0])
+    return np.searchsorted(x, thin_out(x, y)[0])
 
 
 def _loop(seen: EffectResponse, unit: str, factor: float) -> Pair:
@@ -188,7 +188,7 @@ def _spectrum(seen: EffectResponse, unit: str, factor: float) -> Pair:
     )  # fmt: skip
 
 
-def _quiet(seen: EffectResponse, unit: str, factor: float) -> Pair:
+def _constant_command(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw a part of a quiet record, in which nothing but the effect moves."""
     pair = _over_time(seen, unit, factor)
     window = pair.x <= 0.2
@@ -203,7 +203,7 @@ def _quiet(seen: EffectResponse, unit: str, factor: float) -> Pair:
 def _other(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw the reading over the other column that was recorded."""
     (name, (si, values)), *_ = seen.command.recorded.items()
-    column_unit, scale = SHOWN.get(si, (si, 1.0))
+    column_unit, scale = DISPLAY_UNITS.get(si, (si, 1.0))
     x = (values - (values[0] if si == "K" else 0.0)) * scale
     order = np.argsort(x)[:: max(1, len(x) // 600)]
     label = f"change of temperature [{column_unit}]" if si == "K" else f"motion of {name} [{column_unit}]"
@@ -233,7 +233,7 @@ def _one_step(seen: EffectResponse, unit: str, factor: float) -> Pair:
 
 
 _VIEWS: dict[str, tuple[Callable[[EffectResponse, str, float], Pair], str]] = {
-    "quiet": (_quiet, "Reading while the command rests"),
+    "quiet": (_constant_command, "Reading while the command rests"),
     "steps": (_one_step, "The largest step"),
     "multisine": (_spectrum, "Amplitude at every tone of the multisine"),
     "triangle": (_loop, "Reading over the command, one cycle"),

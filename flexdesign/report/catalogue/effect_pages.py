@@ -57,21 +57,21 @@ def catalogue() -> Table:
 
 def catalogue_result() -> dict[str, Any]:
     """Return the catalogue as result.json has it."""
-    found = {name: described(effects.find(name)) for name in effects.names()}
-    static = {name: described(statics.find(name)) for name in statics.names()}
+    found = {name: description(effects.find(name)) for name in effects.names()}
+    static = {name: description(statics.find(name)) for name in statics.names()}
     return {**header("effects"), "effects": found, "static_effects": static}
 
 
 def result(name: str, signature: Signature | None) -> dict[str, Any]:
     """Return one effect as result.json has it: what it states, and what it changes in each experiment."""
     effect = find(name)
-    answer: dict[str, Any] = {**header("effect"), **described(effect)}
+    answer: dict[str, Any] = {**header("effect"), **description(effect)}
     if signature is None:
         return answer
     from flexdesign.report.catalogue import effect_charts
 
     axis = signature.effect.without
-    unit, factor = effect_charts.SHOWN[axis.axis.response]
+    unit, factor = effect_charts.DISPLAY_UNITS[axis.axis.response]
     values = signature.effect.values(signature.strength)
     stated = {p.name: p for p in effect.parameters}
     answer["signature"] = {
@@ -91,7 +91,7 @@ def result(name: str, signature: Signature | None) -> dict[str, Any]:
     return answer
 
 
-def described(effect: Effect) -> dict[str, Any]:
+def description(effect: Effect) -> dict[str, Any]:
     """Return what an effect states, as result.json has it."""
     return {
         "name": effect.name,
@@ -159,7 +159,7 @@ def _signature(effect: Effect, signature: Signature, model: Mapping[str, str], d
     from flexdesign.report.catalogue import effect_charts
 
     axis = signature.effect.without
-    unit, factor = effect_charts.SHOWN[axis.axis.response]
+    unit, factor = effect_charts.DISPLAY_UNITS[axis.axis.response]
     stated = {p.name: p for p in effect.parameters}
     given = signature.effect.values(signature.strength)
     sentences = ", ".join(f"{key} = {_text(value, stated[key])}" for key, value in given.items() if key in stated)
@@ -249,7 +249,7 @@ def _without_unit(row: Sequence[str]) -> list[str]:
     return [*row[:2], *row[3:]]
 
 
-def words(effect: Effect) -> list[str]:
+def advice(effect: Effect) -> list[str]:
     """Return the advice on an effect for a terminal, in addition to its parameters."""
     return [f"{head}: {text}" for head, text in _advice(effect).tables[0].rows]
 

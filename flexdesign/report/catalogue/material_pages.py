@@ -50,11 +50,11 @@ def catalogue() -> Table:
     return Table(columns, rows, "flexdesign materials NAME shows one with its sources")
 
 
-def words(material: Material) -> list[str]:
+def validity(material: Material) -> list[str]:
     """Say what the numbers hold for."""
     sentences = [f"{material.note[:1].upper()}{material.note[1:]}."] if material.note else []
     if material.crystal is not None:
-        sentences.append(_oriented(material.crystal))
+        sentences.append(_orientation(material.crystal))
     return sentences
 
 
@@ -114,7 +114,7 @@ def _of_fatigue(material: Material) -> list[list[str]]:
     return rows
 
 
-def _oriented(crystal: Crystal) -> str:
+def _orientation(crystal: Crystal) -> str:
     axes = ", ".join(
         f"{axis} along [{' '.join(f'{cosine:.3g}' for cosine in row)}]"
         for axis, row in zip("xyz", crystal.cosines + 0.0, strict=True)

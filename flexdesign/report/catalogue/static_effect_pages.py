@@ -45,7 +45,7 @@ def document(name: str, design: Design) -> Document:
         for p in effect.parameters
     )
     rows = [[key.replace("_", " "), f"{100 * change:+.2f} %"] for key, change in found.items()]
-    figure = Figure("signature.svg", _drawn(found), f"What it changes of {design.title}, at {at}")
+    figure = Figure("signature.svg", _draw(found), f"What it changes of {design.title}, at {at}")
     sections = [
         Section("Signature", [f"Shown on {design.title}, at {at}."], [Table(["quantity", "change"], rows)], [figure]),
         *effect_pages.stated(effect),
@@ -57,13 +57,13 @@ def result(name: str, design: Design) -> dict[str, Any]:
     """Return the page as result.json has it."""
     return {
         **header("effect"),
-        **effect_pages.described(statics.find(name)),
+        **effect_pages.description(statics.find(name)),
         "signature": {"design": design.name, "relative_changes": changes(name, design)},
         "made_by": effect_pages.provenance(),
     }
 
 
-def _drawn(found: Changes) -> bytes:
+def _draw(found: Changes) -> bytes:
     labels = [key.replace("_", " ") for key in found]
     figure, axes = charts.drawing(charts.NARROW, 0.42 * len(labels) + 1.0)
     values = 100 * np.array(list(found.values()))

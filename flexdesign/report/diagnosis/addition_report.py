@@ -35,57 +35,64 @@ from flexdesign.report.traces import Curve, Traces
 ROUNDING = 1e-12
 
 
-def ladder_of(found: AddedEffect) -> Table:
+def ladder_table(addition: AddedEffect) -> Table:
     """Return the error ladder."""
-    size = response_pages.line_size(found)
-    return reports.error_ladder(found.error_ladder, found.noise, found.noise_floor, prose.response(found), size)
+    size = response_pages.line_size(addition)
+    return reports.error_ladder(
+        addition.error_ladder, addition.noise, addition.noise_floor, prose.response(addition), size
+    )
 
 
-def summary(found: AddedEffect) -> list[str]:
+def summary(addition: AddedEffect) -> list[str]:
     """Return the answer in a few sentences."""
-    name = prose.effect_name(found.name)
-    text = [f"{name[:1].upper()}{name[1:]}: {'; '.join(prose.quantity(value, short=True) for value in found.values)}."]
-    if found.reason:
-        text.append(f"It is not needed: it {_reason(found.reason)}. The model that is written has it all the same.")
+    name = prose.effect_name(addition.name)
+    text = [
+        f"{name[:1].upper()}{name[1:]}: {'; '.join(prose.quantity(value, short=True) for value in addition.values)}."
+    ]
+    if addition.reason:
+        text.append(f"It is not needed: it {_reason(addition.reason)}. The model that is written has it all the same.")
     else:
-        text.append(f"It explains {words.percent(found.share)} of what recalibration leaves unexplained.")
-    text.append(f"What to do about it: {prose.remedy(found, found.name)}.")
-    return [*doubts(found.runs), *text]
+        text.append(f"It explains {words.percent(addition.share)} of what recalibration leaves unexplained.")
+    text.append(f"What to do about it: {prose.remedy(addition, addition.name)}.")
+    return [*doubts(addition.runs), *text]
 
 
-def document(found: AddedEffect, loop: InTheLoop) -> Document:
+def document(addition: AddedEffect, loop: InTheLoop) -> Document:
     """Write the report of an addition.
 
     Parameters
     ----------
-    found
+    addition
         The stage with the effect.
     loop
         What it does to a closed loop.
     """
-    title = f"{found.before.title or found.before.name}: {prose.effect_name(found.name)} added to axis {found.axis}"
-    return Document(title, summary(found), partial(_sections, found, loop))
+    model = addition.before.title or addition.before.name
+    title = f"{model}: {prose.effect_name(addition.name)} added to axis {addition.axis}"
+    return Document(title, summary(addition), partial(_sections, addition, loop))
 
 
-def _sections(found: AddedEffect, loop: InTheLoop) -> list[Section]:
-    name = prose.effect_name(found.name)
-    stands = [("recalibrated", compared(found, "calibrated")), (f"with {name}", compared(found, "found"))]
-    kinds, axis = figures.pictures([found.name]), found.before.axes[found.axis]
+def _sections(addition: AddedEffect, loop: InTheLoop) -> list[Section]:
+    name = prose.effect_name(addition.name)
+    stands = [("recalibrated", compared(addition, "calibrated")), (f"with {name}", compared(addition, "found"))]
+    kinds, axis = figures.pictures([addition.name]), addition.before.axes[addition.axis]
     return [
         Section(
             "The error ladder",
             [],
-            [ladder_of(found)],
-            [figures.ladder_figure(found, found.error_ladder, found.noise_floor)],
+            [ladder_table(addition)],
+            [figures.ladder_figure(addition, addition.error_ladder, addition.noise_floor)],
         ),
         Section(
-            "Its numbers", _caveats(found), [reports.values_table(found.values), *reports.by_run_table(found.by_run)]
+            "Its numbers",
+            _caveats(addition),
+            [reports.values_table(addition.values), *reports.by_run_table(addition.by_run)],
         ),
-        loop_section(found.before, found.axis, loop),
+        loop_section(addition.before, addition.axis, loop),
         *_in_time(stands, kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, axis.natural_frequency),
-        Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
-        Section("Noise", reports.noise_text(found.noise, found.noise_floor, prose.response(found))),
+        Section("The model's own numbers", [], [reports.numbers_table(axis, addition.calibration)]),
+        Section("Noise", reports.noise_text(addition.noise, addition.noise_floor, prose.response(addition))),
     ]
 
 
@@ -99,27 +106,27 @@ def _in_time(stands: list[tuple[str, Comparison]], kinds: list[str]) -> list[Sec
     ]
 
 
-def result(found: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
+def result(addition: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
-    si = prose.response(found)
+    si = prose.response(addition)
     return {
         **header("addition"),
-        "axis": found.axis,
+        "axis": addition.axis,
         "effect": {
-            "name": effects.find(found.name).name,
-            "parameters": [results.value_json(value) for value in found.values],
-            "by_run": results.by_run_json(found.by_run),
-            "share": found.share,
-            "needed": not found.reason,
-            "reason": found.reason or None,
+            "name": effects.find(addition.name).name,
+            "parameters": [results.value_json(value) for value in addition.values],
+            "by_run": results.by_run_json(addition.by_run),
+            "share": addition.share,
+            "needed": not addition.reason,
+            "reason": addition.reason or None,
         },
-        "ladder": results.ladder_json(found.error_ladder, si),
-        "noise_floor": results.noise_json(found.noise, found.noise_floor, si),
-        "where": results.where_json(found, si),
-        **response_pages.before_and_after(found),
-        "calibration": [results.value_json(value) for value in found.calibration],
+        "ladder": results.ladder_json(addition.error_ladder, si),
+        "noise_floor": results.noise_json(addition.noise, addition.noise_floor, si),
+        "where": results.where_json(addition, si),
+        **response_pages.before_and_after(addition),
+        "calibration": [results.value_json(value) for value in addition.calibration],
         "loop": loop_json(loop),
-        "made_by": results.provenance(found),
+        "made_by": results.provenance(addition),
     }
 
 
@@ -216,9 +223,9 @@ def loop_json(loop: InTheLoop) -> dict[str, Any] | None:
     return {"simulated": True, "cases": simulation_report.result(loop.simulation)["cases"]}
 
 
-def _caveats(found: AddedEffect) -> list[str]:
-    effect = effects.find(found.name)
-    doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in found.values})
+def _caveats(addition: AddedEffect) -> list[str]:
+    effect = effects.find(addition.name)
+    doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in addition.values})
     return [effect.physics, *(f"Take care: {doubt}." for doubt in doubts)]
 
 

@@ -14,14 +14,14 @@ from flexdesign.report.document import Document, Section, Table
 SHOWN = {"m": "um", "rad": "urad", "m/V": "um/V", "rad/V": "urad/V", "A": "A", "K": "K", "1": ""}
 
 
-def table(found: Check) -> Table:
+def table(check: Check) -> Table:
     """Return what is there, one line for each recording."""
     rows = []
-    for recording in found.recordings:
+    for recording in check.recordings:
         channels = "; ".join(_channel(channel) for channel in recording.channels)
         kind = recording.kind or ", ".join(recording.kinds) or "–"
         rows.append([recording.name, kind, recording.role, *_length(recording), channels])
-    for each in found.tables:
+    for each in check.tables:
         parts = f"{each.parts} part{'s' if each.parts > 1 else ''}"
         rows.append([each.name, "static table", "–", f"{len(each.rows)} rows", parts, "; ".join(each.kinds)])
     heads = ["recording", "experiment", "role", "length", "rate or band", "channels: range, noise"]
@@ -49,28 +49,28 @@ def _channel(channel: Channel) -> str:
     return sentences
 
 
-def document(found: Check) -> Document:
+def document(check: Check) -> Document:
     """Return the whole report."""
-    summary = [_headline(found)]
-    summary += [_sentence(each.recording, each.what, each.remedy) for each in found.suspicions]
-    summary += _coverage(found)
+    summary = [_headline(check)]
+    summary += [_sentence(each.recording, each.what, each.remedy) for each in check.suspicions]
+    summary += _coverage(check)
     suspicious = Table(
         ["recording", "what is suspicious", "what to do"],
-        [[each.recording or "all", each.what, each.remedy or "–"] for each in found.suspicions],
+        [[each.recording or "all", each.what, each.remedy or "–"] for each in check.suspicions],
     )
     effects = Table(
         ["effect", "can show", "by", "what would reveal it"],
         [
             [each.effect.replace("_", " "), "yes" if each.kinds else "no", _kinds(each), each.lacking or "–"]
-            for each in found.shown
+            for each in check.shown
         ],
         "Which effects of the catalogue the recordings can show",
     )  # fmt: skip
-    sections = [Section("What is there", tables=[table(found)])]
-    if found.suspicions:
+    sections = [Section("What is there", tables=[table(check)])]
+    if check.suspicions:
         sections.append(Section("What is suspicious", tables=[suspicious]))
-    tables = [effects] if found.shown else []
-    sections.append(Section("What a diagnosis can identify", _coverage(found), tables=tables))
+    tables = [effects] if check.shown else []
+    sections.append(Section("What a diagnosis can identify", _coverage(check), tables=tables))
     return Document("Check of recordings", summary, sections)
 
 
@@ -78,11 +78,11 @@ def _kinds(each: Shown) -> str:
     return ", ".join(SAID[kind] for kind in each.kinds) or "–"
 
 
-def _headline(found: Check) -> str:
-    count, doubts = len(found.recordings) + len(found.tables), len(found.suspicions)
+def _headline(check: Check) -> str:
+    count, doubts = len(check.recordings) + len(check.tables), len(check.suspicions)
     suspicious = f"{doubts} suspicion{'s' if doubts > 1 else ''}" if doubts else "nothing suspicious"
     sentences = f"{count} recording{'s' if count > 1 else ''}, {suspicious}."
-    noise = "; ".join(f"{axis}: {source}" for axis, source in found.noise.items())
+    noise = "; ".join(f"{axis}: {source}" for axis, source in check.noise.items())
     return f"{sentences} Noise of {noise}." if noise else sentences
 
 
@@ -91,11 +91,11 @@ def _sentence(recording: str, what: str, remedy: str) -> str:
     return f"{where}{what}{f': {remedy}' if remedy else ''}."
 
 
-def _coverage(found: Check) -> list[str]:
-    if not found.recordings:
+def _coverage(check: Check) -> list[str]:
+    if not check.recordings:
         return ["A diagnosis of a static table needs its design: flexdesign diagnose DESIGN TABLE."]
-    visible = [each.effect.replace("_", " ") for each in found.shown if each.kinds]
-    hidden = [name.replace("_", " ") for name in found.hidden]
+    visible = [each.effect.replace("_", " ") for each in check.shown if each.kinds]
+    hidden = [name.replace("_", " ") for name in check.hidden]
     sentences = (
         [f"These recordings can reveal: {', '.join(visible)}."] if visible else ["These recordings reveal no effect."]
     )
@@ -106,14 +106,14 @@ def _coverage(found: Check) -> list[str]:
     return sentences
 
 
-def result(found: Check) -> dict[str, Any]:
+def result(check: Check) -> dict[str, Any]:
     """Return what result.json holds."""
     return {
         **header("check"),
-        "recordings": list(found.recordings),
-        "suspicions": list(found.suspicions),
-        "effects": list(found.shown),
-        "noise": found.noise,
-        "tables": list(found.tables),
+        "recordings": list(check.recordings),
+        "suspicions": list(check.suspicions),
+        "effects": list(check.shown),
+        "noise": check.noise,
+        "tables": list(check.tables),
         "made_by": versions.installed(),
     }

@@ -30,87 +30,92 @@ REMARKS = {"time since the last step": "While the command stands still since"}
 JUMP = 0.05
 
 
-def errors(found: Comparison) -> Table:
+def errors(comparison: Comparison) -> Table:
     """Return what the model leaves of every run; without runs of every frequency response."""
-    if not found.runs:
-        return response_pages.table([("predicted", found.responses)])
+    if not comparison.runs:
+        return response_pages.table([("predicted", comparison.responses)])
     rows = [
         [
             run.name,
             run.role,
-            words.error(found.response, run.rms),
-            words.error(found.response, run.largest),
+            words.error(comparison.response, run.rms),
+            words.error(comparison.response, run.largest),
             words.percent(run.of_stroke),
             f"{run.r2:.4f}" if math.isfinite(run.r2) else "–",
-            words.error(found.response, run.noise_floor, 2),
+            words.error(comparison.response, run.noise_floor, 2),
             units.significant(run.ratio, 3),
         ]
-        for run in found.runs
+        for run in comparison.runs
     ]
     heads = ["run", "role", "rms error", "largest", "of stroke", "R²", "noise floor", "rms / floor"]
-    stroke = words.span(found.response, found.runs[0].stroke, 3)
-    if not found.noise.known:  # a guess would be taken for a fact
+    stroke = words.span(comparison.response, comparison.runs[0].stroke, 3)
+    if not comparison.noise.known:  # a guess would be taken for a fact
         heads, rows = heads[:6], [row[:6] for row in rows]
     offset_note = "the offset of each run taken out"
-    if all(run.offset_rms is not None for run in found.runs):
+    if all(run.offset_rms is not None for run in comparison.runs):
         heads.append("offset alone")
-        alone = [words.error(found.response, run.offset_rms or 0.0) for run in found.runs]
+        alone = [words.error(comparison.response, run.offset_rms or 0.0) for run in comparison.runs]
         rows = [[*row, rms] for row, rms in zip(rows, alone, strict=True)]
         offset_note = "the initial conditions of each run fitted; in the last column its offset alone"
     return Table(heads, rows, f"Measured less predicted, {offset_note}; stroke {stroke}")
 
 
-def summary(found: Comparison) -> list[str]:
+def summary(comparison: Comparison) -> list[str]:
     """Return the answer in a few sentences: by how much, and where."""
-    mode = found.model.axes[found.axis].natural_frequency
-    lines = [" ".join(response_pages.sentences(found.responses, mode))] if found.responses else []
-    if not found.runs:
+    mode = comparison.model.axes[comparison.axis].natural_frequency
+    lines = [" ".join(response_pages.sentences(comparison.responses, mode))] if comparison.responses else []
+    if not comparison.runs:
         return lines
-    rms, noise_floor = words.error(found.response, found.rms), words.error(found.response, found.floor, 2)
-    share = words.percent(found.rms / found.runs[0].stroke if found.runs[0].stroke else math.nan)
-    count = f"{len(found.runs)} runs" if len(found.runs) > 1 else found.runs[0].name
-    validation_runs = [r for r in found.runs if r.role == "test"] or [r for r in found.runs if r.role == "validate"]
-    if 0 < len(validation_runs) < len(found.runs):  # the error that the ladder of a diagnosis states
+    rms, noise_floor = (
+        words.error(comparison.response, comparison.rms),
+        words.error(comparison.response, comparison.floor, 2),
+    )
+    share = words.percent(comparison.rms / comparison.runs[0].stroke if comparison.runs[0].stroke else math.nan)
+    count = f"{len(comparison.runs)} runs" if len(comparison.runs) > 1 else comparison.runs[0].name
+    validation_runs = [r for r in comparison.runs if r.role == "test"] or [
+        r for r in comparison.runs if r.role == "validate"
+    ]
+    if 0 < len(validation_runs) < len(comparison.runs):  # the error that the ladder of a diagnosis states
         squares = np.concatenate([run.residual[np.isfinite(run.residual)] ** 2 for run in validation_runs])
         kind = "test" if validation_runs[0].role == "test" else "validation"
-        share += f" (the {kind} runs by {words.error(found.response, float(np.sqrt(np.mean(squares))))})"
+        share += f" (the {kind} runs by {words.error(comparison.response, float(np.sqrt(np.mean(squares))))})"
     sentences = [
-        *doubts(found.observed),
-        f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(found)}",
+        *doubts(comparison.observed),
+        f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(comparison)}",
     ]
-    if found.rms < NOISE * found.floor:
-        noise = f"the noise ({noise_floor})" if found.noise.known else "no more than what may be noise"
+    if comparison.rms < NOISE * comparison.floor:
+        noise = f"the noise ({noise_floor})" if comparison.noise.known else "no more than what may be noise"
         sentences.append(f"That is {noise}: nothing in these runs says that the model fails.")
         return [*sentences, *lines]
-    if doubt := reversal.question(found.correlation):
+    if doubt := reversal.question(comparison.correlation):
         sentences.append(f"{doubt[0].upper()}{doubt[1:]}?")
-    sentences.append(" ".join(words.sentences(found)))
+    sentences.append(" ".join(words.sentences(comparison)))
     return [*sentences, *lines]
 
 
-def result(found: Comparison) -> dict[str, Any]:
+def result(comparison: Comparison) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
-    si = found.response
+    si = comparison.response
 
     def number(value: float) -> dict[str, Any]:
         return with_unit(value, si)
 
     return {
         **header("comparison"),
-        "axis": found.axis,
-        "rms_error": number(found.rms),
+        "axis": comparison.axis,
+        "rms_error": number(comparison.rms),
         "noise_floor": {
-            **number(found.floor),
-            "known": found.noise.known,
-            "source": found.noise.source,
-            "relative_error": found.noise.relative_error,
+            **number(comparison.floor),
+            "known": comparison.noise.known,
+            "source": comparison.noise.source,
+            "relative_error": comparison.noise.relative_error,
             "lines": [
                 {"frequency": with_unit(line.frequency, "Hz"), "amplitude": number(line.amplitude)}
-                for line in found.noise.lines
+                for line in comparison.noise.lines
             ],
-            "remarks": list(found.noise.remarks),
+            "remarks": list(comparison.noise.remarks),
         },
-        "unexplained": number(found.unexplained),
+        "unexplained": number(comparison.unexplained),
         "runs": [
             {
                 "name": run.name,
@@ -123,42 +128,44 @@ def result(found: Comparison) -> dict[str, Any]:
                 "error_over_floor": run.ratio,
                 "remarks": list(run.remarks),
             }
-            for run in found.runs
+            for run in comparison.runs
         ],
-        "where": [breakdown_json(b, si) for b in found.where],
-        "sentences": words.sentences(found) if found.runs and found.rms >= NOISE * found.floor else [],
-        **({"frequency_responses": response_pages.result(found.responses, si)} if found.responses else {}),
-        "made_by": {"model": found.model.name, "versions": versions.installed()},
+        "where": [breakdown_json(b, si) for b in comparison.where],
+        "sentences": words.sentences(comparison)
+        if comparison.runs and comparison.rms >= NOISE * comparison.floor
+        else [],
+        **({"frequency_responses": response_pages.result(comparison.responses, si)} if comparison.responses else {}),
+        "made_by": {"model": comparison.model.name, "versions": versions.installed()},
     }
 
 
-def document(found: Comparison) -> Document:
+def document(comparison: Comparison) -> Document:
     """Write the report of a comparison."""
-    title = f"{found.model.title or found.model.name}: axis {found.axis} against {_count(found)}"
-    return Document(title, summary(found), partial(_sections, found))
+    title = f"{comparison.model.title or comparison.model.name}: axis {comparison.axis} against {_count(comparison)}"
+    return Document(title, summary(comparison), partial(_sections, comparison))
 
 
-def _sections(found: Comparison) -> list[Section]:
-    mode = found.model.axes[found.axis].natural_frequency
-    lines = response_pages.section([("predicted", found.responses)], found.response, mode)
-    if not found.runs:
+def _sections(comparison: Comparison) -> list[Section]:
+    mode = comparison.model.axes[comparison.axis].natural_frequency
+    lines = response_pages.section([("predicted", comparison.responses)], comparison.response, mode)
+    if not comparison.runs:
         return lines
-    remarks = [f"{run.name}: {remark}." for run in found.runs for remark in run.remarks]
-    traces = [_trace(found, run) for run in found.runs]
+    remarks = [f"{run.name}: {remark}." for run in comparison.runs for remark in run.remarks]
+    traces = [_trace(comparison, run) for run in comparison.runs]
     return [
-        Section("Errors", [*_noise_remarks(found), *remarks], [errors(found)]),
+        Section("Errors", [*_noise_remarks(comparison), *remarks], [errors(comparison)]),
         *lines,
-        Section("Where it fails", _where_text(found), [], [_shares(found)]),
-        Section("Residuals", _left_text(), [], _pictures(found, traces)),
-        Section("Runs", [], [], [f for run in found.runs for f in _figures(found, run)]),
-        Section("Shares in numbers", [], [_table(found, b) for b in found.where], folded=True),
+        Section("Where it fails", _where_text(comparison), [], [_shares(comparison)]),
+        Section("Residuals", _residual_text(), [], _pictures(comparison, traces)),
+        Section("Runs", [], [], [f for run in comparison.runs for f in _figures(comparison, run)]),
+        Section("Shares in numbers", [], [_table(comparison, b) for b in comparison.where], folded=True),
     ]
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _shares(found: Comparison) -> Figure:
+def _shares(comparison: Comparison) -> Figure:
     bars = [
         Bars(
             b.by,
@@ -166,7 +173,7 @@ def _shares(found: Comparison) -> Figure:
             [p.share for p in b.parts],
             [p.weight if b.by != "frequency" else math.nan for p in b.parts],
         )
-        for b in found.where
+        for b in comparison.where
         if b.by != "run" or len(b.parts) > 1
     ]
     return Figure(
@@ -177,16 +184,16 @@ def _shares(found: Comparison) -> Figure:
     )
 
 
-def _pictures(found: Comparison, traces: Sequence[Trace]) -> list[Figure]:
-    large, small = units_of(found.response)
-    factor = units.factor(large, found.response) / units.factor(small, found.response)
+def _pictures(comparison: Comparison, traces: Sequence[Trace]) -> list[Figure]:
+    large, small = units_of(comparison.response)
+    factor = units.factor(large, comparison.response) / units.factor(small, comparison.response)
     frequencies = charts.octaves(traces)
-    scale = units.factor(large, found.response)
+    scale = units.factor(large, comparison.response)
     noise = []
-    for run in found.observed:
-        density = found.noise.density(run, frequencies) / scale**2
+    for run in comparison.observed:
+        density = comparison.noise.density(run, frequencies) / scale**2
         noise.append(np.where(frequencies <= 0.5 / run.period, density, np.nan))
-    mode = found.model.axes[found.axis].natural_frequency
+    mode = comparison.model.axes[comparison.axis].natural_frequency
     made = [
         Figure(
             "spectrum.svg",
@@ -211,19 +218,19 @@ def _pictures(found: Comparison, traces: Sequence[Trace]) -> list[Figure]:
     return made
 
 
-def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
-    large, small = units_of(found.response)
-    scale, fine = units.factor(large, found.response), units.factor(small, found.response)
+def _figures(comparison: Comparison, run: RunComparison) -> list[Figure]:
+    large, small = units_of(comparison.response)
+    scale, fine = units.factor(large, comparison.response), units.factor(small, comparison.response)
     compared = np.isfinite(run.measured)
     t, measured, predicted = run.time[compared], run.measured[compared] / scale, run.predicted[compared] / scale
     signal = [Curve("measured", t, measured), Curve("predicted", t, predicted, dashed=True)]
     left = [Curve("measured less predicted", t, run.residual[compared] / fine)]
-    labels = [f"{found.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"]
+    labels = [f"{comparison.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"]
     file = f"{run.name}.svg"
     ratio = units.significant(run.ratio, 3)
-    caption = f"{run.name} ({run.role}): {words.error(found.response, run.rms)} rms, {ratio} times the noise floor"
+    caption = f"{run.name} ({run.role}): {words.error(comparison.response, run.rms)} rms, {ratio} times the noise floor"
     made = [Figure.of_traces(f"run_{file}", Traces([signal, left], "time [s]", labels), caption)]
-    if shows_a_loop(run, found.model.axes[found.axis].natural_frequency):
+    if shows_a_loop(run, comparison.model.axes[comparison.axis].natural_frequency):
         command = run.command[compared]
         loop = [Curve("measured", command, measured), Curve("predicted", command, predicted, dashed=True)]
         drawing = Traces([loop], "command [V]", labels[:1], height=3.4)
@@ -243,8 +250,8 @@ def shows_a_loop(run: RunComparison, frequency: float) -> bool:
     return float(np.quantile(change, 0.95)) < SLOW * span and travelled > 1.5 * span
 
 
-def _trace(found: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(units_of(found.response)[0], found.response)
+def _trace(comparison: Comparison, run: RunComparison) -> Trace:
+    scale = units.factor(units_of(comparison.response)[0], comparison.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
     return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.noise_floor / scale)
 
@@ -252,63 +259,67 @@ def _trace(found: Comparison, run: RunComparison) -> Trace:
 # --- words ------------------------------------------------------------------------------------------------------------
 
 
-def _noise(found: Comparison) -> str:
-    noise_floor = words.error(found.response, found.floor, 2)
-    ratio = units.significant(found.rms / found.floor, 3)
-    if not found.noise.known:
+def _noise(comparison: Comparison) -> str:
+    noise_floor = words.error(comparison.response, comparison.floor, 2)
+    ratio = units.significant(comparison.rms / comparison.floor, 3)
+    if not comparison.noise.known:
         return (
             f"The noise is unknown: nothing stands still or repeats in these runs. In its quietest band the response "
             f"has {noise_floor}; the error is {ratio} times that."
         )
-    return f"The noise floor is {noise_floor} ({found.noise.source}): the error is {ratio} times that."
+    return f"The noise floor is {noise_floor} ({comparison.noise.source}): the error is {ratio} times that."
 
 
-def _noise_remarks(found: Comparison) -> list[str]:
-    sentences = [f"Noise: {remark}." for remark in found.noise.remarks]
-    if found.noise.known and found.noise.relative_error > 0:
+def _noise_remarks(comparison: Comparison) -> list[str]:
+    sentences = [f"Noise: {remark}." for remark in comparison.noise.remarks]
+    if comparison.noise.known and comparison.noise.relative_error > 0:
         sentences.insert(
-            0, f"The noise floor is known to {words.percent(found.noise.relative_error)} (one standard error)."
+            0, f"The noise floor is known to {words.percent(comparison.noise.relative_error)} (one standard error)."
         )
-    if found.noise.lines:
+    if comparison.noise.lines:
         lines = words.listed(
             [
-                f"{line.frequency:.4g} Hz ({words.error(found.response, line.amplitude, 2)})"
-                for line in found.noise.lines
+                f"{line.frequency:.4g} Hz ({words.error(comparison.response, line.amplitude, 2)})"
+                for line in comparison.noise.lines
             ]
         )
         sentences.append(f"Where it should be quiet, the response swings at {lines}; this is not counted as noise.")
     return sentences
 
 
-def _where_text(found: Comparison) -> list[str]:
-    if not found.unexplained:
+def _where_text(comparison: Comparison) -> list[str]:
+    if not comparison.unexplained:
         return ["Nothing is above the noise floor."]
-    left = words.error(found.response, found.unexplained)
+    left = words.error(comparison.response, comparison.unexplained)
     return [f"Unexplained is what is above the noise floor, {left} rms; every run counts by its mean square."]
 
 
-def _left_text() -> list[str]:
+def _residual_text() -> list[str]:
     return ["All runs together. The grey band, or the dashed line, is the noise floor."]
 
 
-def _count(found: Comparison) -> str:
-    runs = f"{len(found.runs)} runs" if len(found.runs) > 1 else "".join(f"run {run.name}" for run in found.runs)
-    count = len(found.responses)
+def _count(comparison: Comparison) -> str:
+    runs = (
+        f"{len(comparison.runs)} runs"
+        if len(comparison.runs) > 1
+        else "".join(f"run {run.name}" for run in comparison.runs)
+    )
+    count = len(comparison.responses)
     more = (
         f"{count} frequency responses"
         if count > 1
-        else "".join(f"frequency response {r.name}" for r in found.responses)
+        else "".join(f"frequency response {r.name}" for r in comparison.responses)
     )
     return " and ".join(part for part in (runs, more) if part)
 
 
-def _table(found: Comparison, breakdown: Breakdown) -> Table:
+def _table(comparison: Comparison, breakdown: Breakdown) -> Table:
     rows = [
         [
             words.label(breakdown, part),
             words.percent(part.share),
             "–" if breakdown.by == "frequency" else words.percent(part.weight),
-            words.error(found.response, part.rms),
+            words.error(comparison.response, part.rms),
         ]
         for part in breakdown.parts
     ]

@@ -17,7 +17,7 @@ from flexdesign.report.diagnosis import diagnosis_text as said
 from flexdesign.report.document import Document, Section, Table
 
 
-def ladder_of(found: Confronted) -> Table:
+def ladder_table(found: Confronted) -> Table:
     """Return the error ladder."""
     return reports.error_ladder(found.error_ladder, found.noise, found.noise_floor, said.response(found))
 
@@ -28,7 +28,7 @@ def summary(found: Confronted) -> list[str]:
     which = f"With {names} the" if names else "The"
     error, noise_floor = (words.error(said.response(found), value) for value in (found.error, found.noise_floor))
     times = f"{found.ratio:.3g} times the noise floor ({noise_floor})" if found.noise.known else "the noise is unknown"
-    text = [f"{which} model misses {said.validated_on(said.recorded(found))} by {error} rms; {times}."]
+    text = [f"{which} model misses {said.validated_on(said.observations(found))} by {error} rms; {times}."]
     if found.reason:
         text.append(f"{figures.capital(said.effect_name(found.effects[-1]))} is not needed: {found.reason}.")
     return text
@@ -61,7 +61,7 @@ def _sections(found: Confronted, values: Sequence[Value]) -> list[Section]:
     physics = [f"{figures.capital(said.effect_name(name))}: {effects.find(name).physics}" for name in found.effects]
     ladder = figures.ladder_figure(found, found.error_ladder, found.noise_floor)
     return [
-        Section("The error ladder", physics, [ladder_of(found)], [ladder]),
+        Section("The error ladder", physics, [ladder_table(found)], [ladder]),
         Section("Its numbers", [], [reports.values_table(values)]),
         *comparison_report.document(found.comparison).sections,
     ]

@@ -63,17 +63,17 @@ def pictures(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys([*first, *(["position"] if bends else []), *PICTURES]))
 
 
-def ladder_figure(found: ModelResiduals, rungs: Sequence[ErrorStep], noise_floor: float) -> Figure:
+def ladder_figure(residuals: ModelResiduals, rungs: Sequence[ErrorStep], noise_floor: float) -> Figure:
     """Draw the error ladder; the noise floor where the noise is known."""
-    noise_floor = noise_floor if found.noise.known else 0.0
-    caption = f"Error of {prose.validated_on(prose.recorded(found))}, step by step"
-    if math.isfinite(line := response_pages.line_size(found)):
+    noise_floor = noise_floor if residuals.noise.known else 0.0
+    caption = f"Error of {prose.validated_on(prose.observations(residuals))}, step by step"
+    if math.isfinite(line := response_pages.line_size(residuals)):
         steps = [drawings.Step(prose.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
         chart = drawings.error_ladder(
             steps, 100 * noise_floor / line, words.percent(noise_floor / line), "% of the line"
         )
         return Figure("ladder.svg", chart, caption)
-    si = prose.response(found)
+    si = prose.response(residuals)
     small = units_of(si)[1]
     factor = units.factor(small, si)
     steps = [drawings.Step(prose.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]

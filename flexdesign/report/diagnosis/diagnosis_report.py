@@ -32,10 +32,17 @@ PROPOSED = 8
 OVER_FREQUENCY = ("magnitude near", "phase near")
 
 
-def ladder_of(found: Diagnosis) -> Table:
+def ladder_table(diagnosis: Diagnosis) -> Table:
     """Return the error ladder of a diagnosis."""
-    line = response_pages.line_size(found)
-    return error_ladder(found.error_ladder, found.noise, found.noise_floor, prose.response(found), line, found.stroke)
+    line = response_pages.line_size(diagnosis)
+    return error_ladder(
+        diagnosis.error_ladder,
+        diagnosis.noise,
+        diagnosis.noise_floor,
+        prose.response(diagnosis),
+        line,
+        diagnosis.stroke,
+    )
 
 
 def error_ladder(
@@ -72,9 +79,9 @@ def error_ladder(
     return Table(heads, rows, caption)
 
 
-def candidates(found: Diagnosis) -> Table:
+def candidates(diagnosis: Diagnosis) -> Table:
     """Return every effect that was tried, with what it leaves and why it was taken or not."""
-    si, line = prose.response(found), response_pages.line_size(found)
+    si, line = prose.response(diagnosis), response_pages.line_size(diagnosis)
     rows = [
         [
             " + ".join(prose.effect_name(name) for name in tried.names),
@@ -83,46 +90,46 @@ def candidates(found: Diagnosis) -> Table:
             units.significant(tried.evidence, 3) if tried.evidence > 0 else "none",
             tried.outcome.replace("_", " "),
         ]
-        for tried in found.candidates
+        for tried in diagnosis.candidates
     ]
     caption = "Error of the validation runs; evidence in multiples of what chance gives the best of the catalogue"
     error = "error, of the line" if math.isfinite(line) else "rms error"
     return Table(["effect", "with", error, "evidence", "outcome"], rows, caption)
 
 
-def document(found: Diagnosis, proposals: Sequence[Proposal]) -> Document:
+def document(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> Document:
     """Write the report of a diagnosis.
 
     Parameters
     ----------
-    found
+    diagnosis
         The diagnosis.
     proposals
         For its groups the experiments that would distinguish them.
     """
-    title = f"{found.before.title or found.before.name}: diagnosis of axis {found.axis}"
-    return Document(title, prose.summary(found, proposals), partial(_sections, found, proposals))
+    title = f"{diagnosis.before.title or diagnosis.before.name}: diagnosis of axis {diagnosis.axis}"
+    return Document(title, prose.summary(diagnosis, proposals), partial(_sections, diagnosis, proposals))
 
 
-def _sections(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
-    axis = found.before.axes[found.axis]
-    before, after = compared(found, "calibrated"), compared(found, "found")
-    changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in found.error_ladder)
-    stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
-    names = [named.name for named in found.effects] or list(found.possible_effects)
-    kinds, bars = pictures(names), ladder_figure(found, found.error_ladder, found.noise_floor)
+def _sections(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
+    axis = diagnosis.before.axes[diagnosis.axis]
+    before, after = compared(diagnosis, "calibrated"), compared(diagnosis, "found")
+    changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in diagnosis.error_ladder)
+    stands = [("recalibrated", before), (_model_name(diagnosis), after)] if changed else [("recalibrated", before)]
+    names = [named.name for named in diagnosis.effects] or list(diagnosis.possible_effects)
+    kinds, bars = pictures(names), ladder_figure(diagnosis, diagnosis.error_ladder, diagnosis.noise_floor)
     return [
-        Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
-        *time_domain(stands, _runs_text(found), kinds),
+        Section("The error ladder", _ladder_text(diagnosis), [ladder_table(diagnosis)], [bars]),
+        *time_domain(stands, _runs_text(diagnosis), kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, axis.natural_frequency),
-        *(_effect(found, named) for named in found.effects),
-        Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
-        *_apart(found, proposals),
-        *_left(found),
-        Section("The model's own numbers", _numbers_text(found), [numbers_table(axis, found.calibration)]),
-        Section("Noise", noise_text(found.noise, found.noise_floor, prose.response(found))),
+        *(_effect(diagnosis, named) for named in diagnosis.effects),
+        Section("What was tried", _candidates_text(diagnosis), [candidates(diagnosis)] if diagnosis.candidates else []),
+        *_apart(diagnosis, proposals),
+        *_remainder(diagnosis),
+        Section("The model's own numbers", _numbers_text(diagnosis), [numbers_table(axis, diagnosis.calibration)]),
+        Section("Noise", noise_text(diagnosis.noise, diagnosis.noise_floor, prose.response(diagnosis))),
         *more_pictures(stands, kinds),
-        Section("How it was done", _how(found)),
+        Section("How it was done", _how(diagnosis)),
     ]
 
 
@@ -152,7 +159,7 @@ def values_table(values: Sequence[Value]) -> Table:
     """Return fitted numbers with their intervals and what they mean."""
     rows = []
     for value in values:
-        estimate = prose.estimated(value)
+        estimate = prose.estimate_of(value)
         name = value.parameter.name.rpartition(".")[2]
         rows.append([name, value.parameter.meaning, estimate.value_text, estimate.interval_text])
     return Table(["number", "what it is", "value", "95 % interval"], rows)
@@ -160,7 +167,7 @@ def values_table(values: Sequence[Value]) -> Table:
 
 def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
     """Return the values of a number that differs from run to run; no table where none does."""
-    estimates = {run: prose.estimated(value) for run, value in by_run.items()}
+    estimates = {run: prose.estimate_of(value) for run, value in by_run.items()}
     rows = [[run, each.value_text, each.interval_text] for run, each in estimates.items()]
     names = dict.fromkeys(value.parameter.name.rpartition(".")[2] for value in by_run.values())
     return [Table(["run", name, "95 % interval"], rows, f"The {name} differs from run to run") for name in names]
@@ -169,37 +176,37 @@ def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
 # --- sections -----------------------------------------------------------------------------------------------------
 
 
-def _stand_name(found: Diagnosis) -> str:
-    names = [prose.effect_name(named.name) for named in found.effects] or [
-        prose.effect_name(name) for name in found.possible_effects
+def _model_name(diagnosis: Diagnosis) -> str:
+    names = [prose.effect_name(named.name) for named in diagnosis.effects] or [
+        prose.effect_name(name) for name in diagnosis.possible_effects
     ]
     return f"with {words.listed(names)}"
 
 
-def _ladder_text(found: Diagnosis) -> list[str]:
-    runs = prose.validated_on(prose.recorded(found))
+def _ladder_text(diagnosis: Diagnosis) -> list[str]:
+    runs = prose.validated_on(prose.observations(diagnosis))
     return [
         f"Each bar is the error of {runs}. As designed: only the initial conditions of each record are fitted. "
         "Recalibrated: the model's own numbers are fitted, with their priors. Then effects are added while they "
-        "earn their place." + ("" if found.runs else " Every line of a frequency response counts by its noise.")
+        "earn their place." + ("" if diagnosis.runs else " Every line of a frequency response counts by its noise.")
     ]
 
 
-def _runs_text(found: Diagnosis) -> list[str]:
-    every = [f"{run.name.partition(':')[0]}: {remark}." for run in found.runs for remark in run.remarks]
+def _runs_text(diagnosis: Diagnosis) -> list[str]:
+    every = [f"{run.name.partition(':')[0]}: {remark}." for run in diagnosis.runs for remark in run.remarks]
     remarks = list(dict.fromkeys(every))  # the halves of one record say the same
-    validation_runs = [run for run in found.runs if run.role == "validate"]
+    validation_runs = [run for run in diagnosis.runs if run.role == "validate"]
     if not validation_runs:
         return ["There are no validation runs: the errors are those of the fitted runs.", *remarks]
     return ["Validation runs; only the initial conditions of each were fitted.", *remarks]
 
 
-def _effect(found: Diagnosis, named: IdentifiedEffect) -> Section:
+def _effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> Section:
     effect = effects.find(named.name)
     text = [
         effect.physics,
         f"Where: {effect.where}.",
-        f"What to do about it: {prose.remedy(found, named.name)}.",
+        f"What to do about it: {prose.remedy(diagnosis, named.name)}.",
         f"What reveals it: {effect.reveal}.",
         f"Reference: {effect.reference}.",
     ]
@@ -210,8 +217,8 @@ def _effect(found: Diagnosis, named: IdentifiedEffect) -> Section:
     return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])
 
 
-def _tried_text(found: Diagnosis) -> list[str]:
-    if not found.candidates:
+def _candidates_text(diagnosis: Diagnosis) -> list[str]:
+    if not diagnosis.candidates:
         return ["No effect of the catalogue promised more than chance gives, so that none was fitted."]
     return [
         "Every effect of the catalogue was screened at each step by what it can explain in addition to the model's own "
@@ -219,10 +226,10 @@ def _tried_text(found: Diagnosis) -> list[str]:
     ]
 
 
-def _apart(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
-    if not found.confusable:
+def _apart(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
+    if not diagnosis.confusable:
         return []
-    text = [prose.apart(group, proposals) for group in found.confusable]
+    text = [prose.apart(group, proposals) for group in diagnosis.confusable]
     pairs = [resolved for proposal in proposals for resolved in proposal.resolved]
     text += [
         f"Commands for the bench: flexdesign plan MODEL --resolve {' '.join(effect.name for effect in pair.effects)}"
@@ -239,25 +246,25 @@ def _separations(pair: Resolved) -> Table:
     return Table(whole.columns, whole.rows[:PROPOSED], caption)
 
 
-def _left(found: Diagnosis) -> list[Section]:
-    if not found.remainder and not found.sparse_model.terms:
+def _remainder(diagnosis: Diagnosis) -> list[Section]:
+    if not diagnosis.remainder and not diagnosis.sparse_model.terms:
         return []
-    si = prose.response(found)
-    text = [f"{capital(found.remainder)}."] if found.remainder else ["Only noise remains."]
+    si = prose.response(diagnosis)
+    text = [f"{capital(diagnosis.remainder)}."] if diagnosis.remainder else ["Only noise remains."]
     rows = [
-        [name, words.percent(found.sparse_model.shares[name]), _amount(name, coefficient, si)]
-        for name, coefficient in found.sparse_model.terms.items()
+        [name, words.percent(diagnosis.sparse_model.shares[name]), _coefficient(name, coefficient, si)]
+        for name, coefficient in diagnosis.sparse_model.terms.items()
     ]
     caption = "Smooth functions that explain most of the residual, with no physics in them"
     table = Table(["function", "of what they explain", "amount"], rows, caption)
     return [Section("What remains", text, [table] if rows else [])]
 
 
-def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
-    return [*found.runs, *found.responses]
+def _every(residuals: ModelResiduals) -> list[Run | FrequencyResponse]:
+    return [*residuals.runs, *residuals.responses]
 
 
-def _amount(name: str, coefficient: float, si: str) -> str:
+def _coefficient(name: str, coefficient: float, si: str) -> str:
     """Write the amount of a smooth function; one over frequency multiplies the response."""
     return words.percent(coefficient) if name.startswith(OVER_FREQUENCY) else words.error(si, coefficient)
 
@@ -267,7 +274,7 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
     before = axis.numbers
     rows = []
     for value in calibration:
-        p, estimate = value.parameter, prose.estimated(value)
+        p, estimate = value.parameter, prose.estimate_of(value)
         old = before.get(p.name)
         was = "–" if old is None else units.to_text(old, p.unit, si=p.si)
         change = f"{100 * (value.value / old - 1):+.2g} %" if old else "–"
@@ -275,15 +282,15 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
     return Table(["number", "before", "fitted", "95 % interval", "change"], rows)
 
 
-def _numbers_text(found: Diagnosis) -> list[str]:
+def _numbers_text(diagnosis: Diagnosis) -> list[str]:
     text = ["The model's own numbers as they are with all that was found."]
-    text += [f"Beyond the prior: {conflict}." for conflict in found.conflicts]
+    text += [f"Beyond the prior: {conflict}." for conflict in diagnosis.conflicts]
     return text
 
 
-def _how(found: Diagnosis) -> list[str]:
-    seen = [each.name for each in _every(found) if each.role == "identify"]
-    validation_runs = [each.name for each in _every(found) if each.role == "validate"]
+def _how(diagnosis: Diagnosis) -> list[str]:
+    seen = [each.name for each in _every(diagnosis) if each.role == "identify"]
+    validation_runs = [each.name for each in _every(diagnosis) if each.role == "validate"]
     text = f"Fitted: {words.listed(seen)}."
     text += f" Validation: {words.listed(validation_runs)}." if validation_runs else " There are no validation runs."
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
@@ -291,5 +298,5 @@ def _how(found: Diagnosis) -> list[str]:
         text,
         "Residuals are whitened with the noise before anything is judged. Where each record began (offset, a mode that "
         "rings, slow states, where the voltage had turned, a late trigger) is free and never named.",
-        f"{found.evaluations} simulations in {found.seconds:.0f} s; {made}.",
+        f"{diagnosis.evaluations} simulations in {diagnosis.seconds:.0f} s; {made}.",
     ]

@@ -23,65 +23,65 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
+def result(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
     """Return result.json's content: the verdict and everything behind it, every number with its unit."""
-    si = prose.response(found)
+    si = prose.response(diagnosis)
     return {
         **header("diagnosis"),
-        "axis": found.axis,
-        "verdict": found.verdict,
-        "effects": [_named(found, named) for named in found.effects],
-        "candidates": [_tried(tried, si) for tried in found.candidates],
-        "confusable": [list(group) for group in found.confusable],
+        "axis": diagnosis.axis,
+        "verdict": diagnosis.verdict,
+        "effects": [_identified_effect(diagnosis, named) for named in diagnosis.effects],
+        "candidates": [_candidate(tried, si) for tried in diagnosis.candidates],
+        "confusable": [list(group) for group in diagnosis.confusable],
         "tell_apart": [_proposal(proposal) for proposal in proposals],
-        "near": list(found.possible_effects),
-        "near_shares": found.possible_effects,
-        "ladder": ladder_json(found.error_ladder, si),
-        "noise_floor": noise_json(found.noise, found.noise_floor, si),
-        "validation_error": _number(found.validation_error, si),
-        **({"line_size": _number(response_pages.line_size(found), si)} if not found.runs else {}),
+        "near": list(diagnosis.possible_effects),
+        "near_shares": diagnosis.possible_effects,
+        "ladder": ladder_json(diagnosis.error_ladder, si),
+        "noise_floor": noise_json(diagnosis.noise, diagnosis.noise_floor, si),
+        "validation_error": _number(diagnosis.validation_error, si),
+        **({"line_size": _number(response_pages.line_size(diagnosis), si)} if not diagnosis.runs else {}),
         "remainder": {
-            "rms": _number(found.remainder_rms, si),
-            "of_stroke": found.remainder_rms / found.stroke if found.stroke else None,
-            "over_noise": found.remainder_rms / found.noise_floor if found.noise.known else None,
-            "looks_like": found.remainder,
+            "rms": _number(diagnosis.remainder_rms, si),
+            "of_stroke": diagnosis.remainder_rms / diagnosis.stroke if diagnosis.stroke else None,
+            "over_noise": diagnosis.remainder_rms / diagnosis.noise_floor if diagnosis.noise.known else None,
+            "looks_like": diagnosis.remainder,
         },
-        "tolerance": _number(found.tolerance, si),
-        "undetermined": list(found.undetermined),
+        "tolerance": _number(diagnosis.tolerance, si),
+        "undetermined": list(diagnosis.undetermined),
         "rival": {
-            "gain": found.sparse_model.gain,
-            "held_gain": found.sparse_model.held_gain,
-            "moved": _number(found.sparse_model.validation_rms, si),
+            "gain": diagnosis.sparse_model.gain,
+            "held_gain": diagnosis.sparse_model.held_gain,
+            "moved": _number(diagnosis.sparse_model.validation_rms, si),
             "terms": [
-                {"name": name, "amount": _number(coefficient, si), "share": found.sparse_model.shares[name]}
-                for name, coefficient in found.sparse_model.terms.items()
+                {"name": name, "amount": _number(coefficient, si), "share": diagnosis.sparse_model.shares[name]}
+                for name, coefficient in diagnosis.sparse_model.terms.items()
             ],
         },
-        "where": where_json(found, si),
-        **response_pages.before_and_after(found),
-        "calibration": [value_json(value) for value in found.calibration],
-        "conflicts": list(found.conflicts),
-        "confidence": found.confidence,
-        "remarks": {each.name: list(each.remarks) for each in _every(found) if each.remarks},
-        "made_by": provenance(found),
-        "simulations": found.evaluations,
+        "where": where_json(diagnosis, si),
+        **response_pages.before_and_after(diagnosis),
+        "calibration": [value_json(value) for value in diagnosis.calibration],
+        "conflicts": list(diagnosis.conflicts),
+        "confidence": diagnosis.confidence,
+        "remarks": {each.name: list(each.remarks) for each in _every(diagnosis) if each.remarks},
+        "made_by": provenance(diagnosis),
+        "simulations": diagnosis.evaluations,
     }
 
 
-def where_json(found: ModelResiduals, si: str) -> dict[str, Any]:
+def where_json(residuals: ModelResiduals, si: str) -> dict[str, Any]:
     """Return the shares of the unexplained error of the calibrated and of the final model."""
     both: tuple[Which, Which] = ("calibrated", "found")
     return {
         ("calibrated" if which == "calibrated" else "final"): [
-            comparison_report.breakdown_json(b, si) for b in compared(found, which).where
+            comparison_report.breakdown_json(b, si) for b in compared(residuals, which).where
         ]
         for which in both
     }
 
 
-def ladder_json(rungs: Sequence[ErrorStep], si: str) -> list[dict[str, Any]]:
+def ladder_json(steps: Sequence[ErrorStep], si: str) -> list[dict[str, Any]]:
     """Return the ladder: label and error of every step."""
-    return [{"label": step_of_ladder.label, "error": _number(step_of_ladder.error, si)} for step_of_ladder in rungs]
+    return [{"label": step_of_ladder.label, "error": _number(step_of_ladder.error, si)} for step_of_ladder in steps]
 
 
 def noise_json(noise: NoiseFloor, noise_floor: float, si: str) -> dict[str, Any]:
@@ -113,20 +113,20 @@ def value_json(value: Value) -> dict[str, Any]:
     }
 
 
-def provenance(found: ModelResiduals) -> dict[str, Any]:
+def provenance(residuals: ModelResiduals) -> dict[str, Any]:
     """Return what made a result: the model, the runs with their roles, versions."""
     return {
-        "model": found.before.name,
+        "model": residuals.before.name,
         "runs": [
-            *({"name": run.name, "role": run.role, "samples": len(run.time)} for run in found.runs),
-            *({"name": r.name, "role": r.role, "lines": int(r.present.sum())} for r in found.responses),
+            *({"name": run.name, "role": run.role, "samples": len(run.time)} for run in residuals.runs),
+            *({"name": r.name, "role": r.role, "lines": int(r.present.sum())} for r in residuals.responses),
         ],
         "versions": versions.installed(),
     }
 
 
-def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
-    return [*found.runs, *found.responses]
+def _every(residuals: ModelResiduals) -> list[Run | FrequencyResponse]:
+    return [*residuals.runs, *residuals.responses]
 
 
 def _number(value: float, si: str) -> dict[str, Any]:
@@ -138,18 +138,18 @@ def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
     return {run: value_json(value) for run, value in by_run.items()}
 
 
-def _named(found: Diagnosis, named: IdentifiedEffect) -> dict[str, Any]:
+def _identified_effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> dict[str, Any]:
     effect = effects.find(named.name)
     return {
         "name": effect.name if named.name.endswith(".py") else named.name,
         "parameters": [value_json(value) for value in named.values],
         "by_run": by_run_json(named.by_run),
         "share": named.share,
-        "remedy": prose.remedy(found, named.name),
+        "remedy": prose.remedy(diagnosis, named.name),
     }
 
 
-def _tried(tried: CandidateRecord, si: str) -> dict[str, Any]:
+def _candidate(tried: CandidateRecord, si: str) -> dict[str, Any]:
     return {
         "effects": list(tried.names),
         "beside": list(tried.present),

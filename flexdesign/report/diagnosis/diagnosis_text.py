@@ -41,38 +41,43 @@ def effect_name(name: str) -> str:
     return PROPER.get(own, own.replace("_", " "))
 
 
-def verdict(found: Diagnosis) -> str:
+def verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict in a few sentences: what is missing, the error with it, and the residual."""
-    error = of_line(found, found.validation_error) + words.error(response(found), found.validation_error)
-    error += _of_stroke(found, found.validation_error)
-    runs = validated_on(recorded(found))
-    if found.verdict == "nothing-missing":
-        return f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms; {_noise(found)}."
-    if found.verdict == "unknown":
+    error = of_line(diagnosis, diagnosis.validation_error) + words.error(
+        response(diagnosis), diagnosis.validation_error
+    )
+    error += _of_stroke(diagnosis, diagnosis.validation_error)
+    runs = validated_on(observations(diagnosis))
+    if diagnosis.verdict == "nothing-missing":
+        return f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms; {_noise(diagnosis)}."
+    if diagnosis.verdict == "unknown":
         sentences = "Something is missing, and no effect known here explains a large and certain share of it"
-        return f"{sentences}. The recalibrated model misses {runs} by {error} rms; {_noise(found)}."
-    names = [_alternatives(found, named.name) for named in found.effects]
-    missing, it = ("; " if found.confusable else ", ").join(names), "them" if len(names) > 1 else "it"
-    return f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; {_noise(found)}.{_remains(found)}"
+        return f"{sentences}. The recalibrated model misses {runs} by {error} rms; {_noise(diagnosis)}."
+    names = [_alternatives(diagnosis, named.name) for named in diagnosis.effects]
+    missing, it = ("; " if diagnosis.confusable else ", ").join(names), "them" if len(names) > 1 else "it"
+    sentence = f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; {_noise(diagnosis)}."
+    return sentence + _remains(diagnosis)
 
 
-def _remains(found: Diagnosis) -> str:
+def _remains(diagnosis: Diagnosis) -> str:
     """Return how much the named effects leave unexplained, as a further sentence; empty if the residual is noise."""
-    if not found.remainder_rms:
+    if not diagnosis.remainder_rms:
         return ""
-    size = words.error(response(found), found.remainder_rms)
-    ratio = found.remainder_rms / found.noise_floor
-    times = f"{units.significant(ratio, 2)} times the noise, " if found.noise.known else ""
-    line = of_line(found, found.remainder_rms).removesuffix(", ")
-    share = line or (f"{words.percent(found.remainder_rms / found.stroke)} of the stroke" if found.stroke else "")
+    size = words.error(response(diagnosis), diagnosis.remainder_rms)
+    ratio = diagnosis.remainder_rms / diagnosis.noise_floor
+    times = f"{units.significant(ratio, 2)} times the noise, " if diagnosis.noise.known else ""
+    line = of_line(diagnosis, diagnosis.remainder_rms).removesuffix(", ")
+    share = line or (
+        f"{words.percent(diagnosis.remainder_rms / diagnosis.stroke)} of the stroke" if diagnosis.stroke else ""
+    )
     return f" What remains, {size} ({times}{share}), is no effect that is known here."
 
 
-def possible(found: Diagnosis) -> str:
+def possible(diagnosis: Diagnosis) -> str:
     """Return the effects that may be there without being certain, what each explains, and how it is fitted."""
-    names = words.listed([f"{effect_name(n)} ({words.percent(s)})" for n, s in found.possible_effects.items()])
-    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.possible_effects)
-    each = "each of them" if len(found.possible_effects) > 1 else "it"
+    names = words.listed([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
+    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in diagnosis.possible_effects)
+    each = "each of them" if len(diagnosis.possible_effects) > 1 else "it"
     return (
         f"Possible, but not certain, with the explained share of what calibration leaves: {names}. An effect is named "
         "if it explains twice what then remains, and if smooth functions do not explain more in its place. "
@@ -80,51 +85,51 @@ def possible(found: Diagnosis) -> str:
     )
 
 
-def undetermined(found: Diagnosis) -> str:
+def undetermined(diagnosis: Diagnosis) -> str:
     """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue.
 
     Where these predict the validation runs worse, fitted values stay, without an interval.
     """
-    names = words.listed([name.replace("_", " ").replace(".", ": ") for name in found.undetermined])
+    names = words.listed([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
     return f"These runs do not determine {names}; held at values of the design, of the catalogue or of a fit."
 
 
-def effect(found: Diagnosis, named: IdentifiedEffect) -> str:
+def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
     """Return an effect with its numbers, what it explains and what to do about it, in some sentences."""
     values = "; ".join(quantity(value, short=True) for value in named.values)
     name = _sentence(effect_name(named.name))
     sentences = (
-        f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
+        f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(diagnosis.conflicts)})"
     )
     if named.by_run:
-        sentences += f", the mean over runs; it differs from run to run, {_between(named)}"
+        sentences += f", the mean over runs; it differs from run to run, {_range_over_runs(named)}"
     if named.values:
-        others = _added_together(found, named.name)
+        others = _added_together(diagnosis, named.name)
         it = f"Together with {words.listed([effect_name(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             sentences += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
-    return f"{sentences}. What to do about it: {remedy(found, named.name)}."
+    return f"{sentences}. What to do about it: {remedy(diagnosis, named.name)}."
 
 
-def _between(named: IdentifiedEffect) -> str:
+def _range_over_runs(named: IdentifiedEffect) -> str:
     """Return between which values the number of an effect lies that differs from run to run."""
     ends = sorted(named.by_run.values(), key=lambda value: value.value)
-    return f"from {estimated(ends[0]).value_text} to {estimated(ends[-1]).value_text}"
+    return f"from {estimate_of(ends[0]).value_text} to {estimate_of(ends[-1]).value_text}"
 
 
-def remedy(found: ModelResiduals, name: str) -> str:
+def remedy(residuals: ModelResiduals, name: str) -> str:
     """Return what one can do about an effect, with the actuator that the model states."""
-    return effects.find(name).remedy_for(found.before.axes[found.axis].driven_by)
+    return effects.find(name).remedy_for(residuals.before.axes[residuals.axis].driven_by)
 
 
 def quantity(value: Value, *, short: bool = False) -> str:
     """Return a number with its 95 % interval."""
-    estimate = estimated(value)
+    estimate = estimate_of(value)
     name = value.parameter.name.rpartition(".")[2] if short else value.parameter.name
     return f"{name} {estimate.value_text} (95 %: {estimate.interval_text})"
 
 
-def estimated(value: Value) -> Estimate:
+def estimate_of(value: Value) -> Estimate:
     """Return a number as an estimate, which knows how many of its digits mean something."""
     low, high = value.interval
     width = high - low
@@ -153,25 +158,29 @@ def apart(group: Sequence[str], proposals: Sequence[Proposal]) -> str:
     return sentences
 
 
-def summary(found: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
+def summary(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     """Return the answer in a few paragraphs."""
-    sentences = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
-    sentences += [apart(group, proposals) for group in found.confusable]
-    if found.possible_effects:
-        sentences.append(possible(found))
-    if found.verdict == "unknown" or found.remainder_rms:
-        left, mode = compared(found, "found"), found.before.axes[found.axis].natural_frequency
-        looks = words.sentences(left) if found.runs else []
-        looks += response_pages.sentences(left.responses, mode) if found.responses else []
-        shape = f" {_sentence(found.remainder)}." if found.remainder else ""
+    sentences = [
+        *doubts(diagnosis.runs),
+        verdict(diagnosis),
+        *(effect(diagnosis, named) for named in diagnosis.effects),
+    ]
+    sentences += [apart(group, proposals) for group in diagnosis.confusable]
+    if diagnosis.possible_effects:
+        sentences.append(possible(diagnosis))
+    if diagnosis.verdict == "unknown" or diagnosis.remainder_rms:
+        left, mode = compared(diagnosis, "found"), diagnosis.before.axes[diagnosis.axis].natural_frequency
+        looks = words.sentences(left) if diagnosis.runs else []
+        looks += response_pages.sentences(left.responses, mode) if diagnosis.responses else []
+        shape = f" {_sentence(diagnosis.remainder)}." if diagnosis.remainder else ""
         sentences.append(f"What remains looks like this. {' '.join(looks)}{shape}")
-    if found.undetermined:
-        sentences.append(undetermined(found))
-    if found.conflicts and all(named.values for named in found.effects):
-        sentences.append(f"Beyond the prior of the model: {'; '.join(found.conflicts)}.")
-    if found.confidence:
-        sentences.append(f"Take care: {found.confidence}.")
-    remarks = {remark for run in found.runs for remark in run.remarks}
+    if diagnosis.undetermined:
+        sentences.append(undetermined(diagnosis))
+    if diagnosis.conflicts and all(named.values for named in diagnosis.effects):
+        sentences.append(f"Beyond the prior of the model: {'; '.join(diagnosis.conflicts)}.")
+    if diagnosis.confidence:
+        sentences.append(f"Take care: {diagnosis.confidence}.")
+    remarks = {remark for run in diagnosis.runs for remark in run.remarks}
     sentences += [f"Take care: {assumed}." for assumed in FITS_BETTER.values() if assumed in remarks]
     return sentences
 
@@ -191,21 +200,21 @@ def validated_on(runs: Sequence[Run | FrequencyResponse]) -> str:
     return "the fitted runs (there are no validation runs)"
 
 
-def response(found: ModelResiduals) -> str:
+def response(residuals: ModelResiduals) -> str:
     """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
-    si = found.before.axes[found.axis].response_units
-    return si if found.runs else si.per_volt
+    si = residuals.before.axes[residuals.axis].response_units
+    return si if residuals.runs else si.per_volt
 
 
-def of_line(found: ModelResiduals, error: float) -> str:
+def of_line(residuals: ModelResiduals, error: float) -> str:
     """Return an error of frequency responses as a share of the line, as its size follows; nothing where runs judge."""
-    size = response_pages.line_size(found)
+    size = response_pages.line_size(residuals)
     return f"{words.percent(error / size)} of the line, " if math.isfinite(size) else ""
 
 
-def recorded(found: ModelResiduals) -> Sequence[Run | FrequencyResponse]:
+def observations(residuals: ModelResiduals) -> Sequence[Run | FrequencyResponse]:
     """Return what the errors of the ladder are of: the runs, or frequency responses where there are no runs."""
-    return found.runs or found.responses
+    return residuals.runs or residuals.responses
 
 
 def either(names: Sequence[str]) -> str:
@@ -235,25 +244,25 @@ def _would(resolved: Resolved) -> str:
     return f"What would distinguish {pair}, and by how many times the noise the readings differ: {', '.join(parts)}."
 
 
-def _added_together(found: Diagnosis, name: str) -> list[str]:
+def _added_together(diagnosis: Diagnosis, name: str) -> list[str]:
     """Return the effects that were added in one step with another."""
-    steps = [tried.names for tried in found.candidates if tried.outcome == "added" and name in tried.names]
+    steps = [tried.names for tried in diagnosis.candidates if tried.outcome == "added" and name in tried.names]
     return [other for names in steps for other in names if other != name]
 
 
-def _alternatives(found: Diagnosis, name: str) -> str:
-    group = next((group for group in found.confusable if group[0] == name), (name,))
+def _alternatives(diagnosis: Diagnosis, name: str) -> str:
+    group = next((group for group in diagnosis.confusable if group[0] == name), (name,))
     return " or ".join(effect_name(each) for each in group)
 
 
-def _noise(found: Diagnosis) -> str:
-    if not found.noise.known:
+def _noise(diagnosis: Diagnosis) -> str:
+    if not diagnosis.noise.known:
         return "the noise is unknown"
-    return f"the noise is {words.error(response(found), found.noise_floor, 2)}"
+    return f"the noise is {words.error(response(diagnosis), diagnosis.noise_floor, 2)}"
 
 
-def _of_stroke(found: Diagnosis, error: float) -> str:
-    return f" ({words.percent(error / found.stroke)} of the stroke)" if found.runs and found.stroke else ""
+def _of_stroke(diagnosis: Diagnosis, error: float) -> str:
+    return f" ({words.percent(error / diagnosis.stroke)} of the stroke)" if diagnosis.runs and diagnosis.stroke else ""
 
 
 def _sentence(text: str) -> str:

@@ -105,7 +105,7 @@ def bode(
     above = [Curve(name, frequencies, row) for name, row in zip(names, magnitude, strict=True)]
     below = [Curve(name, frequencies, row) for name, row in zip(names, phase, strict=True)]
     label = f"magnitude [{unit}]" if unit else "magnitude"
-    return stacked([Panel(label, above, logarithmic=True), Panel("phase [deg]", below)], "frequency [Hz]", marks)
+    return stack_panels([Panel(label, above, logarithmic=True), Panel("phase [deg]", below)], "frequency [Hz]", marks)
 
 
 def steps(curves: Sequence[Curve], band: float, ylabel: str = "motion over step") -> bytes:
@@ -131,7 +131,7 @@ def steps(curves: Sequence[Curve], band: float, ylabel: str = "motion over step"
     return svg(figure)
 
 
-def stacked(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) -> bytes:
+def stack_panels(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) -> bytes:
     """Draw panels one above the other; the n-th curve has the same colour in each, the first panel names them.
 
     Parameters

@@ -22,124 +22,139 @@ from flexdesign.report.traces import Curve, Traces
 SLOW = 0.1
 
 
-def estimates(found: Identification) -> Table:
+def estimates(identification: Identification) -> Table:
     """Return the estimates with their intervals; of what is held its value and why."""
     rows = []
-    for estimate in found.estimates:
+    for estimate in identification.estimates:
         value, remark = estimate.value_text, estimate.reason
-        if estimate.name in found.held:
-            held = found.held[estimate.name]
+        if estimate.name in identification.held:
+            held = identification.held[estimate.name]
             value = f"({_value(estimate, held.value)})"
             validation_runs = (
                 "keeps its old value" if held.is_old else "held at the best fit, as its old value contradicts the runs"
             )
             remark = f"not determined, {validation_runs}: {estimate.reason}"
-        interval = "not stated" if found.is_incomplete and estimate.determined else estimate.interval_text
-        rows.append([estimate.name, value, interval, _known(found, estimate), remark])
+        interval = "not stated" if identification.is_incomplete and estimate.determined else estimate.interval_text
+        rows.append([estimate.name, value, interval, _prior(identification, estimate), remark])
     return Table(["number", "value", "95 % interval", "known before", "remark"], rows)
 
 
-def matches(found: Identification) -> Table:
+def matches(identification: Identification) -> Table:
     """Return the residual of every run, before and after."""
     rows = [
         [
             run.name,
             run.role,
-            words.span(found.response, run.stroke),
-            words.error(found.response, found.before_errors[run.name]),
-            words.error(found.response, run.rms),
+            words.span(identification.response, run.stroke),
+            words.error(identification.response, identification.before_errors[run.name]),
+            words.error(identification.response, run.rms),
             f"{100 * run.of_stroke:.3g} %" if math.isfinite(run.of_stroke) else "–",
         ]
-        for run in found.runs
+        for run in identification.runs
     ]
     columns = ["run", "role", "span", "rms error before", "rms error", "of span"]
     return Table(columns, rows, "Measured less predicted, the offset of each run taken out")
 
 
-def result(found: Identification) -> dict[str, Any]:
+def result(identification: Identification) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     return {
         **header("identification"),
-        "axis": found.axis,
-        "estimates": [_json(found, estimate) for estimate in found.estimates],
-        "correlation": {"names": _fitted(found), "values": found.fit.correlation.tolist() if found.fit else []},
+        "axis": identification.axis,
+        "estimates": [_json(identification, estimate) for estimate in identification.estimates],
+        "correlation": {
+            "names": _fit_section(identification),
+            "values": identification.fit.correlation.tolist() if identification.fit else [],
+        },
         "starts": {
-            "asked": found.starts.asked,
-            "polished": found.starts.refined,
-            "agreed": found.starts.converged,
-            "is_unconfirmed": found.starts.is_unconfirmed,
+            "asked": identification.starts.asked,
+            "polished": identification.starts.refined,
+            "agreed": identification.starts.converged,
+            "is_unconfirmed": identification.starts.is_unconfirmed,
         },
         "runs": [
             {
                 "name": run.name,
                 "role": run.role,
-                "rms_error": with_unit(run.rms, found.response),
-                "rms_error_before": with_unit(found.before_errors[run.name], found.response),
-                "span": with_unit(run.stroke, found.response),
+                "rms_error": with_unit(run.rms, identification.response),
+                "rms_error_before": with_unit(identification.before_errors[run.name], identification.response),
+                "span": with_unit(run.stroke, identification.response),
                 "error_of_span": run.of_stroke,
                 "remarks": list(run.remarks),
             }
-            for run in found.runs
+            for run in identification.runs
         ],
         "noise": {
-            "rms": {name: with_unit(rms, found.response) for name, rms in found.noise.rms.items()},
-            "source": found.noise.source,
-            "known": found.noise.known,
+            "rms": {name: with_unit(rms, identification.response) for name, rms in identification.noise.rms.items()},
+            "source": identification.noise.source,
+            "known": identification.noise.known,
         },
-        "misfit": found.misfit,
-        "is_incomplete": found.is_incomplete,
-        "simulations": found.evaluations,
-        "made_by": {"model": found.before.name, "versions": versions.installed()},
+        "misfit": identification.misfit,
+        "is_incomplete": identification.is_incomplete,
+        "simulations": identification.evaluations,
+        "made_by": {"model": identification.before.name, "versions": versions.installed()},
     }
 
 
-def document(found: Identification) -> Document:
+def document(identification: Identification) -> Document:
     """Write the report of an identification."""
-    name = found.before.title or found.before.name
-    return Document(f"{name}: identification of axis {found.axis}", summary(found), partial(_sections, found))
+    name = identification.before.title or identification.before.name
+    return Document(
+        f"{name}: identification of axis {identification.axis}",
+        summary(identification),
+        partial(_sections, identification),
+    )
 
 
-def _sections(found: Identification) -> list[Section]:
+def _sections(identification: Identification) -> list[Section]:
     return [
-        Section("Estimates", _estimates_text(found), [estimates(found)]),
-        Section("Runs", _remarks(found), [matches(found)], [f for run in found.runs for f in _figures(found, run)]),
-        Section("What the fit rests on", _rests_on(found), [_correlation(found)] if _fitted(found) else []),
+        Section("Estimates", _estimates_text(identification), [estimates(identification)]),
+        Section(
+            "Runs",
+            _remarks(identification),
+            [matches(identification)],
+            [f for run in identification.runs for f in _figures(identification, run)],
+        ),
+        Section(
+            "What the fit rests on",
+            _rests_on(identification),
+            [_correlation(identification)] if _fit_section(identification) else [],
+        ),
     ]
 
 
-def summary(found: Identification) -> list[str]:
+def summary(identification: Identification) -> list[str]:
     """Return the answer in a few sentences."""
-    seen = [run for run in found.runs if run.role == "identify"]
-    validation_runs = [run for run in found.runs if run.role != "identify"]
-    text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
-    text += f"the residual is {_range(found, seen)}"
-    text += f"; of validation and test runs, {_range(found, validation_runs)}." if validation_runs else "."
-    sentences = [*found.doubts, text, _compare_with_noise(found)]
-    if "bouc_wen" not in found.before.axes[found.axis].effects:
+    seen = [run for run in identification.runs if run.role == "identify"]
+    validation_runs = [run for run in identification.runs if run.role != "identify"]
+    text = f"{_listed([e.name for e in identification.estimates])} fitted to {_listed([run.name for run in seen])}: "
+    text += f"the residual is {_range(identification, seen)}"
+    text += f"; of validation and test runs, {_range(identification, validation_runs)}." if validation_runs else "."
+    sentences = [*identification.doubts, text, _compare_with_noise(identification)]
+    if "bouc_wen" not in identification.before.axes[identification.axis].effects:
         sentences.append("The model has no hysteresis, and none was fitted.")
-    if found.held:
-        names, verb = _listed(list(found.held)), "is" if len(found.held) == 1 else "are"
+    if identification.held:
+        names, verb = _listed(list(identification.held)), "is" if len(identification.held) == 1 else "are"
         sentences.append(
             f"{names} {verb} not determined by these runs but held; the intervals hold for the values held."
         )
-    if found.starts.is_unconfirmed:
-        sentences.append(f"Take care: {found.starts}.")
+    if identification.starts.is_unconfirmed:
+        sentences.append(f"Take care: {identification.starts}.")
     return sentences
 
 
-def _compare_with_noise(found: Identification) -> str:
+def _compare_with_noise(identification: Identification) -> str:
     """Compare the residual with the noise, and say what follows."""
-    rms = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
-    level = words.error(found.response, float(np.sqrt(np.mean(np.square(rms)))))
-    if not found.noise.known:
+    rms = [identification.noise.rms[run.name] for run in identification.runs if run.role == "identify"]
+    level = words.error(identification.response, float(np.sqrt(np.mean(np.square(rms)))))
+    if not identification.noise.known:
         return (
             "The noise of these runs is unknown, so that the residual does not show whether the model lacks physics: "
             "state it in measurements.toml, or record a stretch in which no command moves."
         )
-    comparison = (
-        f"The residual of the fitted runs is {found.misfit:.3g} times the noise of {level} ({found.noise.source})"
-    )
-    if not found.is_incomplete:
+    noise = f"the noise of {level} ({identification.noise.source})"
+    comparison = f"The residual of the fitted runs is {identification.misfit:.3g} times {noise}"
+    if not identification.is_incomplete:
         return f"{comparison}: nothing in it says that the model lacks something."
     return (
         f"{comparison}: the model lacks physics. Values are the best fit; no interval is stated, as it would "
@@ -147,8 +162,8 @@ def _compare_with_noise(found: Identification) -> str:
     )
 
 
-def _estimates_text(found: Identification) -> list[str]:
-    text = "A value in brackets is held, not measured. " if found.held else ""
+def _estimates_text(identification: Identification) -> list[str]:
+    text = "A value in brackets is held, not measured. " if identification.held else ""
     text += (
         "Intervals are those of the least-squares fit, widened where the residual is coloured, and taken from the "
         "profile of the likelihood where that is not a parabola. They count noise, not physics that the model lacks: "
@@ -157,10 +172,12 @@ def _estimates_text(found: Identification) -> list[str]:
     return [text]
 
 
-def _rests_on(found: Identification) -> list[str]:
-    sentences = [f"{found.starts}; {found.evaluations} simulations in {found.seconds:.1f} s."]
-    if found.fit:
-        factor = max(match.inflation for match in found.fit.matches)
+def _rests_on(identification: Identification) -> list[str]:
+    sentences = [
+        f"{identification.starts}; {identification.evaluations} simulations in {identification.seconds:.1f} s."
+    ]
+    if identification.fit:
+        factor = max(match.inflation for match in identification.fit.matches)
         if factor > 1.5:
             sentences.append(
                 f"Neighbouring samples of the residual are alike: up to {factor:.0f} count as one in the intervals. A "
@@ -168,28 +185,28 @@ def _rests_on(found: Identification) -> list[str]:
             )
         else:
             sentences.append("The residual is white.")
-    if not found.known:
+    if not identification.known:
         sentences.append("No uncertainty was stated for what is free, so that nothing known before took part.")
     return sentences
 
 
-def _correlation(found: Identification) -> Table:
-    names = _fitted(found)
-    assert found.fit is not None
-    rows = [[n, *(f"{c:+.2f}" for c in row)] for n, row in zip(names, found.fit.correlation, strict=True)]
+def _correlation(identification: Identification) -> Table:
+    names = _fit_section(identification)
+    assert identification.fit is not None
+    rows = [[n, *(f"{c:+.2f}" for c in row)] for n, row in zip(names, identification.fit.correlation, strict=True)]
     return Table(["correlation", *names], rows)
 
 
-def _remarks(found: Identification) -> list[str]:
-    return [f"{run.name}: {remark}." for run in found.runs for remark in run.remarks]
+def _remarks(identification: Identification) -> list[str]:
+    return [f"{run.name}: {remark}." for run in identification.runs for remark in run.remarks]
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _figures(found: Identification, run: RunComparison) -> list[Figure]:
-    large, small = units_of(found.response)
-    scale, fine = units.factor(large, found.response), units.factor(small, found.response)
+def _figures(identification: Identification, run: RunComparison) -> list[Figure]:
+    large, small = units_of(identification.response)
+    scale, fine = units.factor(large, identification.response), units.factor(small, identification.response)
     compared = np.isfinite(run.measured)
     t, measured = run.time[compared], run.measured[compared] / scale
     left = (run.measured - run.predicted)[compared] / fine
@@ -197,18 +214,18 @@ def _figures(found: Identification, run: RunComparison) -> list[Figure]:
     over_time = Traces(
         [signal, [Curve("residual, measured less predicted", t, left)]],
         "time [s]",
-        [f"{found.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"],
+        [f"{identification.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"],
     )
     file = f"{run.name}.svg"
     caption = f"{run.name} ({run.role}): measured, predicted, and the residual"
     made = [Figure.of_traces(file, over_time, caption)]
-    if is_slow(run, found.model.axes[found.axis].natural_frequency):
+    if is_slow(run, identification.model.axes[identification.axis].natural_frequency):
         command = run.command[compared]
         loop = [
             Curve("measured", command, measured),
             Curve("predicted", command, run.predicted[compared] / scale, dashed=True),
         ]
-        drawing = Traces([loop], "command [V]", [f"{found.axis} [{words.sign(large)}]"], height=3.4)
+        drawing = Traces([loop], "command [V]", [f"{identification.axis} [{words.sign(large)}]"], height=3.4)
         made.append(Figure.of_traces(f"loop_{file}", drawing, f"{run.name}: response over command"))
     return made
 
@@ -227,24 +244,28 @@ def is_slow(run: RunComparison, frequency: float) -> bool:
 # --- words ------------------------------------------------------------------------------------------------------------
 
 
-def _fitted(found: Identification) -> list[str]:
-    return [estimate.name for estimate in found.fit.estimates] if found.fit else []
+def _fit_section(identification: Identification) -> list[str]:
+    return [estimate.name for estimate in identification.fit.estimates] if identification.fit else []
 
 
 def _value(estimate: Estimate, number: float) -> str:
     return units.to_text(number, estimate.parameter.unit, si=estimate.parameter.si)
 
 
-def _known(found: Identification, estimate: Estimate) -> str:
-    if estimate.name not in found.known:
+def _prior(identification: Identification, estimate: Estimate) -> str:
+    if estimate.name not in identification.known:
         return "–"
-    value, sigma = found.known[estimate.name]
+    value, sigma = identification.known[estimate.name]
     percent = 100 * sigma / abs(value)
     return f"{_value(estimate, value)} ± {percent:{'.0f' if percent >= 10 else '.2g'}} %"
 
 
-def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
-    parameter, held, known = estimate.parameter, found.held.get(estimate.name), found.known.get(estimate.name)
+def _json(identification: Identification, estimate: Estimate) -> dict[str, Any]:
+    parameter, held, known = (
+        estimate.parameter,
+        identification.held.get(estimate.name),
+        identification.known.get(estimate.name),
+    )
     return {
         "name": estimate.name,
         "unit": parameter.si,
@@ -258,9 +279,9 @@ def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _range(found: Identification, runs: list[RunComparison]) -> str:
+def _range(identification: Identification, runs: list[RunComparison]) -> str:
     errors = sorted(run.rms for run in runs)
-    low, high = (words.error(found.response, error) for error in (errors[0], errors[-1]))
+    low, high = (words.error(identification.response, error) for error in (errors[0], errors[-1]))
     shares = sorted(100 * run.of_stroke for run in runs if math.isfinite(run.of_stroke))
     if not shares:
         return f"{low} rms"

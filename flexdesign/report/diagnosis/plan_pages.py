@@ -62,7 +62,7 @@ def document(
 
 def verdict(resolved: Resolved) -> str:
     """Return in a few sentences what distinguishes two effects."""
-    first, second = (_called(effect) for effect in resolved.effects)
+    first, second = (_display_name(effect) for effect in resolved.effects)
     if not resolved.proposed:
         return (
             f"None of these experiments distinguishes {first} from {second}: none differs by more than {PLAIN:g} times "
@@ -80,7 +80,7 @@ def verdict(resolved: Resolved) -> str:
 def separations(resolved: Resolved) -> Table:
     """Return how far each experiment distinguishes two effects, the best first."""
     response = resolved.effects[0].without.axis.response
-    unit, factor = effect_charts.SHOWN[response]
+    unit, factor = effect_charts.DISPLAY_UNITS[response]
     rows = [
         [
             _plain(each.command), each.command.note or "command alone",
@@ -95,7 +95,7 @@ def separations(resolved: Resolved) -> Table:
 def _separation(resolved: Resolved) -> Section:
     first, second = resolved.effects
     response = first.without.axis.response
-    unit, factor = effect_charts.SHOWN[response]
+    unit, factor = effect_charts.DISPLAY_UNITS[response]
     sentences = " and ".join(_strength(e, s) for e, s in zip(resolved.effects, resolved.strengths, strict=True))
     noise = f"{units.significant(factor * resolved.noise, 2)} {unit}"
     text = [
@@ -106,20 +106,20 @@ def _separation(resolved: Resolved) -> Section:
     figures = []
     for each in resolved.proposed:
         seen = EffectResponse(each.command, each.second, each.first)
-        chart, words = effect_charts.draw(seen, response, (_called(first), f"{_called(second)}, refitted"))
+        chart, words = effect_charts.draw(seen, response, (_display_name(first), f"{_display_name(second)}, refitted"))
         caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
         figures.append(Figure(f"separates_{each.command.name}.svg", chart, caption))
-    title = f"What distinguishes {_called(first)} from {_called(second)}"
+    title = f"What distinguishes {_display_name(first)} from {_display_name(second)}"
     return Section(title, text, [separations(resolved)], figures)
 
 
 def _strength(effect: EffectAtStrength, strength: float) -> str:
     stated = effect.strength
     name = stated.name.rpartition(".")[2]
-    return f"{_called(effect)} ({name} = {units.to_text(strength, stated.unit, 3, stated.si)})"
+    return f"{_display_name(effect)} ({name} = {units.to_text(strength, stated.unit, 3, stated.si)})"
 
 
-def _called(effect: EffectAtStrength) -> str:
+def _display_name(effect: EffectAtStrength) -> str:
     return effects.find(effect.name).name
 
 
@@ -178,9 +178,9 @@ def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Re
         ],
     }
     if resolved is not None:
-        unit, factor = effect_charts.SHOWN[resolved.effects[0].without.axis.response]
+        unit, factor = effect_charts.DISPLAY_UNITS[resolved.effects[0].without.axis.response]
         answer["resolve"] = {
-            "effects": [_called(effect) for effect in resolved.effects],
+            "effects": [_display_name(effect) for effect in resolved.effects],
             "strengths": [
                 {"parameter": e.key, "value": s, "unit": e.strength.si}
                 for e, s in zip(resolved.effects, resolved.strengths, strict=True)
@@ -201,7 +201,7 @@ def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Re
     return answer | {"made_by": {"versions": versions.installed()}}
 
 
-def listed(written: Sequence[Path]) -> list[Path]:
+def files_to_list(written: Sequence[Path]) -> list[Path]:
     """Return what a terminal lists of the files written: the report, and the description of the commands."""
     return [path for path in written if path.suffix != ".svg" and path.suffix != ".csv"]
 

@@ -194,7 +194,7 @@ def over_position(traces: Sequence[Trace], unit: str, fine: str, factor: float) 
         ("moving up", speed > rests, COLOURS[0]),
         ("moving down", speed < -rests, COLOURS[1]),
     ):
-        middle, low, high = _binned(position[moving], left[moving], edges)
+        middle, low, high = _bin(position[moving], left[moving], edges)
         places = 0.5 * (edges[1:] + edges[:-1])
         axes.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(places, middle, color=colour, linewidth=1.8, label=label)
@@ -225,12 +225,12 @@ def since_step(traces: Sequence[Trace], fine: str, factor: float) -> bytes | Non
     noise_floor = factor * math.sqrt(float(np.mean([t.floor**2 for t in traces])))
     axes.axhspan(-2 * noise_floor, 2 * noise_floor, color=NEUTRAL, alpha=0.25, linewidth=0, label="noise, 95 %")
     for k, (_, time, after) in enumerate(sorted(found, key=lambda h: -h[0])[:HOLDS]):
-        middle, _, _ = _binned(time, after, edges, fewest=1)
+        middle, _, _ = _bin(time, after, edges, fewest=1)
         seen = np.isfinite(middle)
         label = {"label": "each step"} if k == 0 else {}
         axes.semilogx(places[seen], middle[seen], color=COLOURS[0], linewidth=0.8, alpha=0.5, **label)
     times = np.asarray(np.concatenate([h[1] for h in found]), dtype=float)
-    whole, _, _ = _binned(times, np.concatenate([h[2] for h in found]), edges, fewest=1)
+    whole, _, _ = _bin(times, np.concatenate([h[2] for h in found]), edges, fewest=1)
     seen = np.isfinite(whole)
     axes.semilogx(places[seen], whole[seen], color=COLOURS[1], linewidth=2.2, label="mean of all steps")
     axes.set_xscale("log")
@@ -240,7 +240,7 @@ def since_step(traces: Sequence[Trace], fine: str, factor: float) -> bytes | Non
     return svg(figure)
 
 
-def _binned(x: Array, y: Array, edges: Array, fewest: int = FEWEST) -> tuple[Array, Array, Array]:
+def _bin(x: Array, y: Array, edges: Array, fewest: int = FEWEST) -> tuple[Array, Array, Array]:
     """Return mean, lower and upper tenth of y in each bin of x; NaN where there are too few."""
     finite = np.isfinite(y)
     x, y = x[finite], y[finite]

@@ -126,25 +126,27 @@ def result(responses: Sequence[ResponseComparison], response: str) -> list[dict[
     ]
 
 
-def line_size(found: ModelResiduals) -> float:
+def line_size(residuals: ModelResiduals) -> float:
     """Return the size of the lines that judge, each weighted by its noise as in the error ladder [response/V].
 
     Errors of the ladder over this are shares of the line, and below one where the model explains anything. NaN where
     runs in time judge.
     """
-    if found.runs:
+    if residuals.runs:
         return math.nan
-    validation = [each for each in found.responses if each.role == "validate"] or found.responses
-    sizes = [each.measured() * found.noise.rms[each.name] / found.lines[each.name].of_values for each in validation]
+    validation = [each for each in residuals.responses if each.role == "validate"] or residuals.responses
+    sizes = [
+        each.measured() * residuals.noise.rms[each.name] / residuals.lines[each.name].of_values for each in validation
+    ]
     return float(np.sqrt(np.nanmean(np.concatenate(sizes) ** 2)))
 
 
-def before_and_after(found: ModelResiduals) -> dict[str, Any]:
+def before_and_after(residuals: ModelResiduals) -> dict[str, Any]:
     """Return what the calibrated and the final model leave of frequency responses; nothing if there are none."""
-    if not found.responses:
+    if not residuals.responses:
         return {}
-    si = found.before.axes[found.axis].response
-    calibration, final = (compared(found, which).responses for which in ("calibrated", "found"))
+    si = residuals.before.axes[residuals.axis].response
+    calibration, final = (compared(residuals, which).responses for which in ("calibrated", "found"))
     both = {"calibrated": result(calibration, si), "final": result(final, si)}
     return {"frequency_responses": both}
 

@@ -76,64 +76,64 @@ def comparison_document(comparison: TableComparison) -> Document:
     )
 
 
-def diagnosis_document(found: TableDiagnosis) -> Document:
+def diagnosis_document(diagnosis: TableDiagnosis) -> Document:
     """Write the report of a diagnosis."""
-    title = f"{found.before.model.design.title}: diagnosis"
-    return Document(title, words.summary(found), partial(_diagnosis_sections, found))
+    title = f"{diagnosis.before.model.design.title}: diagnosis"
+    return Document(title, words.summary(diagnosis), partial(_diagnosis_sections, diagnosis))
 
 
-def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
-    before = compare(found.before.model, found.before.table)
-    after = compare(found.found.model, found.before.table)
+def _diagnosis_sections(diagnosis: TableDiagnosis) -> list[Section]:
+    before = compare(diagnosis.before.model, diagnosis.before.table)
+    after = compare(diagnosis.found.model, diagnosis.before.table)
     pictures = [Figure("differences.svg", words.differences(before), "The design's model")]
     tables = [rows(before)]
-    if found.found.names:
+    if diagnosis.found.names:
         pictures.append(
             Figure(
                 "differences_after.svg",
                 words.differences(after),
-                f"With {' and '.join(map(words.effect_name, found.found.names))}",
+                f"With {' and '.join(map(words.effect_name, diagnosis.found.names))}",
             )
         )
         tables.append(rows(after))
     sections = [
-        Section("The error ladder", [], [error_ladder(found)]),
+        Section("The error ladder", [], [error_ladder(diagnosis)]),
         Section("Measured and predicted", _uncertainty(before), tables, pictures),
-        Section("What was tried", _tried_text(), [tried(found)]),
+        Section("What was tried", _candidates_text(), [candidates(diagnosis)]),
     ]
-    if found.proposals:
-        head = Table(["measurement", "what each answer expects"], words.proposals(found))
+    if diagnosis.proposals:
+        head = Table(["measurement", "what each answer expects"], words.proposals(diagnosis))
         sections.insert(2, Section("What would distinguish these effects", [], [head]))
-    return [*sections, _physics(found.before.model)]
+    return [*sections, _physics(diagnosis.before.model)]
 
 
-def error_ladder(found: TableDiagnosis) -> Table:
+def error_ladder(diagnosis: TableDiagnosis) -> Table:
     """Return the error ladder."""
     rungs = [
         [step_of_ladder.label.replace("_", " "), f"{100 * step_of_ladder.error:.3g} %"]
-        for step_of_ladder in found.error_ladder
+        for step_of_ladder in diagnosis.error_ladder
     ]
     return Table(["model", "relative error, rms"], rungs)
 
 
-def tried(found: TableDiagnosis) -> Table:
+def candidates(diagnosis: TableDiagnosis) -> Table:
     """Return everything that was fitted."""
     shown = []
-    for trial in found.tried[:20]:
+    for trial in diagnosis.tried[:20]:
         values = "; ".join(words.quantity(value) for value in trial.values) or "there, or not"
         outcome = "" if trial.is_adequate else "leaves more than chance"
-        if trial is found.found:
-            outcome = "the answer" if found.verdict == "effects-found" else "nearest"
-        elif trial in found.alike:
+        if trial is diagnosis.found:
+            outcome = "the answer" if diagnosis.verdict == "effects-found" else "nearest"
+        elif trial in diagnosis.alike:
             outcome = "does as well"
-        elif trial.cost > found.before.cost - 4:
+        elif trial.cost > diagnosis.before.cost - 4:
             outcome = "explains nothing"
         shown.append([words.names(trial, " + "), values, f"{trial.cost:.3g}", outcome])
-    caption = f"Without any: {found.before.cost:.3g}; {len(found.before.table.rows)} measurements"
+    caption = f"Without any: {diagnosis.before.cost:.3g}; {len(diagnosis.before.table.rows)} measurements"
     return Table(["effect", "fitted", "sum of squares", "outcome"], shown, caption)
 
 
-def _tried_text() -> list[str]:
+def _candidates_text() -> list[str]:
     return [
         "Each static effect that the model has not is fitted alone; where none suffices, in pairs. Sums of squares are "
         "in units of what measurement, tolerances and model leave open: about one for each measurement."
@@ -161,31 +161,31 @@ def comparison_result(comparison: TableComparison) -> dict[str, Any]:
     return {
         **header("table comparison"),
         "agrees": comparison.agrees,
-        **_compared(comparison),
-        **_made_by(comparison.model),
+        **_comparison(comparison),
+        **_provenance(comparison.model),
     }
 
 
-def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
+def diagnosis_result(diagnosis: TableDiagnosis) -> dict[str, Any]:
     """Return a diagnosis as result.json has it."""
-    is_known = found.verdict == "effects-found"
+    is_known = diagnosis.verdict == "effects-found"
     return {
         **header("table diagnosis"),
-        "verdict": found.verdict,
-        "effects": _effects(found.found) if is_known else {},
-        "confusable": [_own_names(group) for group in found.groups] if is_known else [],
-        "near": _own_names(found.found.names) if found.verdict == "unknown" else [],
+        "verdict": diagnosis.verdict,
+        "effects": _effects(diagnosis.found) if is_known else {},
+        "confusable": [_own_names(group) for group in diagnosis.groups] if is_known else [],
+        "near": _own_names(diagnosis.found.names) if diagnosis.verdict == "unknown" else [],
         "ladder": [
-            {"model": step_of_ladder.label, "error": step_of_ladder.error} for step_of_ladder in found.error_ladder
+            {"model": step_of_ladder.label, "error": step_of_ladder.error} for step_of_ladder in diagnosis.error_ladder
         ],
         "sum_of_squares": {
-            "before": found.before.cost,
-            "after": found.found.cost,
-            "measurements": len(found.before.table.rows),
+            "before": diagnosis.before.cost,
+            "after": diagnosis.found.cost,
+            "measurements": len(diagnosis.before.table.rows),
         },
-        "remarks": list(found.remarks),
-        **_compared(compare(found.found.model, found.before.table)),
-        **_made_by(found.before.model),
+        "remarks": list(diagnosis.remarks),
+        **_comparison(compare(diagnosis.found.model, diagnosis.before.table)),
+        **_provenance(diagnosis.before.model),
     }
 
 
@@ -210,7 +210,7 @@ def _effects(trial: Trial) -> dict[str, Any]:
     return effects
 
 
-def _compared(comparison: TableComparison) -> dict[str, Any]:
+def _comparison(comparison: TableComparison) -> dict[str, Any]:
     measured = comparison.table.measured()
     return {
         "rows": [
@@ -227,7 +227,7 @@ def _compared(comparison: TableComparison) -> dict[str, Any]:
     }
 
 
-def _made_by(model: StaticModel) -> dict[str, Any]:
+def _provenance(model: StaticModel) -> dict[str, Any]:
     design = model.design
     return {
         "made_by": {

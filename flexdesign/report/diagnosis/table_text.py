@@ -77,32 +77,33 @@ def _is_without_end(value: Value) -> bool:
     return value.parameter.scale != "linear" and any(math.isclose(value.value, end, rel_tol=0.05) for end in ends)
 
 
-def verdict(found: TableDiagnosis) -> str:
+def verdict(diagnosis: TableDiagnosis) -> str:
     """Return the verdict in a sentence or two."""
-    before, after = found.error_ladder[0].error, found.error_ladder[-1].error
-    if found.asked:
-        with_it = found.error_ladder[1].error
+    before, after = diagnosis.error_ladder[0].error, diagnosis.error_ladder[-1].error
+    if diagnosis.asked:
+        with_it = diagnosis.error_ladder[1].error
         return (
-            f"With {names(found.found)} the model misses the table by {percentage(with_it)} rms, without by "
+            f"With {names(diagnosis.found)} the model misses the table by {percentage(with_it)} rms, without by "
             f"{percentage(before)}."
         )
-    if found.verdict == "nothing-missing":
+    if diagnosis.verdict == "nothing-missing":
         return (
             f"Nothing is missing. The design's model misses the table by {percentage(before)} rms, no more than "
             "measurement, tolerances and the model's own accuracy allow."
         )
-    if found.verdict == "unknown":
-        near = f" Nearest, without explaining enough: {names(found.found)}." if found.found.names else ""
+    if diagnosis.verdict == "unknown":
+        near = f" Nearest, without explaining enough: {names(diagnosis.found)}." if diagnosis.found.names else ""
         return f"Something is missing, and it is none of the effects that are known here.{near}"
-    them = "them" if len(found.found.names) > 1 else "it"
+    them = "them" if len(diagnosis.found.names) > 1 else "it"
     return (
-        f"Missing: {listed([_alternatives(found, name) for name in found.found.names])}. With {them} the model misses "
+        f"Missing: {listed([_alternatives(diagnosis, name) for name in diagnosis.found.names])}. "
+        f"With {them} the model misses "
         f"rows that the fit did not see by {percentage(after)} rms, without by {percentage(before)}."
     )
 
 
-def _alternatives(found: TableDiagnosis, name: str) -> str:
-    group = next((group for group in found.groups if group[0] == name), (name,))
+def _alternatives(diagnosis: TableDiagnosis, name: str) -> str:
+    group = next((group for group in diagnosis.groups if group[0] == name), (name,))
     return listed([effect_name(other) for other in group], "or")
 
 
@@ -112,20 +113,20 @@ def names(trial: Trial, between: str = " and ") -> str:
     return between.join(effect_name(name) + "".join(f" ({member})" for member in first[name]) for name in trial.names)
 
 
-def summary(found: TableDiagnosis) -> list[str]:
+def summary(diagnosis: TableDiagnosis) -> list[str]:
     """Return the answer in a few paragraphs."""
-    sentences = [verdict(found)]
-    if found.verdict == "effects-found":
-        sentences += [effect(found.found, name) for name in found.found.names]
-    for group in found.groups if found.verdict == "effects-found" else ():
+    sentences = [verdict(diagnosis)]
+    if diagnosis.verdict == "effects-found":
+        sentences += [effect(diagnosis.found, name) for name in diagnosis.found.names]
+    for group in diagnosis.groups if diagnosis.verdict == "effects-found" else ():
         sentences.append(
             f"This table does not distinguish {listed([effect_name(name) for name in group], 'from')}. "
-            f"{_would_tell(found)}"
+            f"{_would_tell(diagnosis)}"
         )
-    if found.verdict == "unknown":
-        sentences.append(f"What it looks like: {shape(found)}")
-    if found.remarks:
-        sentences.append(f"Take care: {'; '.join(found.remarks)}.")
+    if diagnosis.verdict == "unknown":
+        sentences.append(f"What it looks like: {shape(diagnosis)}")
+    if diagnosis.remarks:
+        sentences.append(f"Take care: {'; '.join(diagnosis.remarks)}.")
     return sentences
 
 
@@ -144,28 +145,28 @@ def effect(trial: Trial, name: str) -> str:
     )
 
 
-def _would_tell(found: TableDiagnosis) -> str:
-    if not found.proposals:
+def _would_tell(diagnosis: TableDiagnosis) -> str:
+    if not diagnosis.proposals:
         return "No single measurement of this part, or of one with a dimension changed by 40 %, would."
-    best = found.proposals[0]
-    return f"Measure {measurement(best.row)}: {_expectations(found, best)}."
+    best = diagnosis.proposals[0]
+    return f"Measure {measurement(best.row)}: {_expectations(diagnosis, best)}."
 
 
-def _expectations(found: TableDiagnosis, proposal: Proposal) -> str:
-    candidates = (found.found, *found.alike)[: len(proposal.expected)]
+def _expectations(diagnosis: TableDiagnosis, proposal: Proposal) -> str:
+    candidates = (diagnosis.found, *diagnosis.alike)[: len(proposal.expected)]
     expected = [number(proposal.row, value, 3) for value in proposal.expected]
     return ", ".join(f"with {names(a)} it is {value}" for a, value in zip(candidates, expected, strict=True))
 
 
-def proposals(found: TableDiagnosis) -> list[list[str]]:
+def proposals(diagnosis: TableDiagnosis) -> list[list[str]]:
     """Return rows of discriminating measurements, and the prediction of each model."""
-    return [[measurement(proposal.row), _expectations(found, proposal)] for proposal in found.proposals]
+    return [[measurement(proposal.row), _expectations(diagnosis, proposal)] for proposal in diagnosis.proposals]
 
 
-def shape(found: TableDiagnosis) -> str:
+def shape(diagnosis: TableDiagnosis) -> str:
     """Return where what no effect explains is largest."""
-    measured, rows = found.before.table.measured(), found.before.table.rows
-    left = found.before.model.predict(found.before.table) / measured - 1
+    measured, rows = diagnosis.before.table.measured(), diagnosis.before.table.rows
+    left = diagnosis.before.model.predict(diagnosis.before.table) / measured - 1
     worst = np.argsort(-np.abs(left))[:3]
     return f"the model is off most in {listed([f'{measurement(rows[i])} ({percent(left[i])})' for i in worst])}."
 

@@ -49,7 +49,7 @@ def _loop(experiment: Experiment, cases: Sequence[Case], name: str, sentences: s
 
 def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, sentences: str, unit: str) -> Figure:
     """Draw motion, and error or the other axes, over time; steps close up."""
-    axis, limits = experiment.axes[0], _limits(experiment)
+    axis, limits = experiment.axes[0], _time_window(experiment)
     first, scale, away = cases[0], units.factor(unit, "m"), f"motion − reference [{words.sign(unit)}]"
     motions = [Curve(c.controller, c.response.time, c.response.motion[c.row(axis)] / scale) for c in cases]
     rows, labels = [motions], [f"{axis} [{words.sign(unit)}]"]
@@ -80,7 +80,7 @@ def _error(case: Case, axis: str, scale: float) -> Curve:
     return Curve(case.controller, time, (case.response.motion[row] - case.reference[row][: len(time)]) / scale)
 
 
-def _limits(experiment: Experiment) -> tuple[float, float] | None:
+def _time_window(experiment: Experiment) -> tuple[float, float] | None:
     """Return what part of a step's record is worth looking at."""
     shape = experiment.trajectory
     if isinstance(shape, Step):

@@ -13,7 +13,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.dynamics.experiments import KNOWN, Experiment
 from flexdesign.dynamics.experiments.reading import stem
-from flexdesign.dynamics.experiments.simulation import Case, Simulation, grouped, validity
+from flexdesign.dynamics.experiments.simulation import Case, Simulation, group_by_axis, validity
 from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.report import published_rows, render
 from flexdesign.report.document import Document, Section, Table
@@ -76,7 +76,7 @@ def result(simulation: Simulation) -> dict[str, Any]:
                 "ours": c.ours,
             }
             for experiment in simulation.plan.experiments
-            for case, c in simulation.compared(experiment)
+            for case, c in simulation.compare_published(experiment)
         ],
         "made_by": {
             "model": simulation.model.name,
@@ -105,11 +105,11 @@ def _sections(simulation: Simulation) -> list[Section]:
 def _summary(simulation: Simulation) -> list[str]:
     cases = simulation.cases
     unstable = [case for case in cases if case.response.diverged is not None]
-    answer = published_rows.counted(simulation) or _best_tracking(simulation)
+    answer = published_rows.agreement(simulation) or _best_tracking(simulation)
     text = f"{len(simulation.plan.experiments)} experiments, {len(cases)} runs"
     worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
     text += f"; the largest estimated integration error is {worst:.0e} of a run's span."
-    paragraphs = [answer, text, simulation.plan.note, *grouped(validity(simulation.model))]
+    paragraphs = [answer, text, simulation.plan.note, *group_by_axis(validity(simulation.model))]
     if simulation.skipped:
         names = ", ".join(f"{s.experiment.name} ({s.controller}, {s.variant})" for s in simulation.skipped)
         paragraphs.append(f"Not run, as no controller was found: {names}.")
@@ -157,8 +157,8 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     cautions = [f"{who(case)}: {text}" for case in cases for text in case.cautions]
     left = [s for s in simulation.skipped if s.experiment.name == experiment.name]
     skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in left]
-    paragraphs = [text for text in (experiment.note, *_gathered(cautions), *skipped) if text]
-    tables = [_measured(cases), _others(cases), _loops(cases)]
+    paragraphs = [text for text in (experiment.note, *_join_cautions(cautions), *skipped) if text]
+    tables = [_measures_table(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
     unit = simulation.model.axes[experiment.axes[0]].response_units.large
     figures = simulation_figures.draw(experiment, cases, unit)
@@ -179,11 +179,11 @@ def _brief(cases: Sequence[Case]) -> str:
     return "; ".join(texts[:3]) + ("; …" if len(texts) > 3 else "")
 
 
-def _gathered(cautions: Sequence[str]) -> list[str]:
+def _join_cautions(cautions: Sequence[str]) -> list[str]:
     return ["Beware. " + " ".join(dict.fromkeys(c[0].upper() + c[1:] for c in cautions))] if cautions else []
 
 
-def _measured(cases: Sequence[Case]) -> Table:
+def _measures_table(cases: Sequence[Case]) -> Table:
     """Return what was measured on the driven axes, a row for each run and axis."""
     if not cases:
         return Table([], [])

@@ -10,7 +10,7 @@ from flexdesign.workflows.stage_sizing import Row, StageSizing
 WHO = {"formulas": "formulas", "arms": "arms that tilt", "elements": "FEM"}
 
 
-def targets(found: StageSizing) -> Table:
+def targets(sizing: StageSizing) -> Table:
     """Return each target and what the dimensions give."""
     rows = [
         [
@@ -22,7 +22,7 @@ def targets(found: StageSizing) -> Table:
             _verdict(row),
             row.target.source or "–",
         ]
-        for row in found.rows
+        for row in sizing.rows
     ]
     columns = ["target", "by", "asked for", "found", "off by", "verdict", "source"]
     caption = "± of a target: half a unit of its last digit, or its own; ± of FEM: estimated discretisation error"
@@ -33,24 +33,24 @@ def _verdict(row: Row) -> str:
     return "met" if row.met else f"missed: ± {100 * row.target.tolerance:.2g} % was allowed"
 
 
-def document(found: StageSizing) -> Document:
+def document(sizing: StageSizing) -> Document:
     """Return the report."""
-    met = sum(row.met for row in found.rows)
-    count = len(found.ratios)
+    met = sum(row.met for row in sizing.rows)
+    count = len(sizing.ratios)
     summary = [
-        f"{len(found.free)} dimensions meet {met} of {len(found.rows)} targets, after {count} "
+        f"{len(sizing.free)} dimensions meet {met} of {len(sizing.rows)} targets, after {count} "
         f"solution{'s' if count > 1 else ''} of the whole stage by finite elements. They are reconstructed, and one "
         "realisation of the targets.",
-        *([found.note] if found.note else []),
+        *([sizing.note] if sizing.note else []),
     ]
     return Document(
-        found.title,
+        sizing.title,
         summary,
         [
-            Section("Targets", [], [targets(found)]),
-            Section("Dimensions", [], [_dimensions(found)]),
-            Section("How they were found", [_method()], [_solutions(found)]),
-            Section("What else finite elements give", [], [_further(found)]),
+            Section("Targets", [], [targets(sizing)]),
+            Section("Dimensions", [], [_dimensions(sizing)]),
+            Section("How they were found", [_method()], [_solutions(sizing)]),
+            Section("What else finite elements give", [], [_other_quantities(sizing)]),
         ],
     )
 
@@ -63,27 +63,27 @@ def _method() -> str:
     )
 
 
-def _dimensions(found: StageSizing) -> Table:
-    described = {p.name: p for p in found.design.part_class.dimensions}
+def _dimensions(sizing: StageSizing) -> Table:
+    described = {p.name: p for p in sizing.design.part_class.dimensions}
     rows = [
         [
             name,
-            units.to_text(found.started.dimensions[name], "mm", si="m"),
-            units.to_text(found.design.dimensions[name], "mm", si="m"),
+            units.to_text(sizing.started.dimensions[name], "mm", si="m"),
+            units.to_text(sizing.design.dimensions[name], "mm", si="m"),
             described[name].symbol or "–",
             described[name].meaning,
         ]
-        for name in found.free
+        for name in sizing.free
     ]
     return Table(["dimension", "start", "found", "symbol", "meaning"], rows)
 
 
-def _solutions(found: StageSizing) -> Table:
-    keys = list(found.ratios[0])
-    rows = [[str(n), *(f"{ratio[key]:.4f}" for key in keys)] for n, ratio in enumerate(found.ratios, 1)]
+def _solutions(sizing: StageSizing) -> Table:
+    keys = list(sizing.ratios[0])
+    rows = [[str(n), *(f"{ratio[key]:.4f}" for key in keys)] for n, ratio in enumerate(sizing.ratios, 1)]
     return Table(["solution", *keys], rows, "Finite elements over the compliance model")
 
 
-def _further(found: StageSizing) -> Table:
-    rows = [[quantity.name, quantity.boundary, quantity.formatted()] for quantity in found.further]
+def _other_quantities(sizing: StageSizing) -> Table:
+    rows = [[quantity.name, quantity.boundary, quantity.formatted()] for quantity in sizing.further]
     return Table(["quantity", "boundary", "FEM"], rows)

@@ -23,12 +23,12 @@ CURVES = 8
 MANY = 2000
 
 
-def labelled(name: str, unit: str) -> str:
+def axis_label(name: str, unit: str) -> str:
     """Return the label of an axis."""
     return f"{name.replace('_', ' ')} [{unit}]" if unit and unit != "1" else name.replace("_", " ")
 
 
-def given(sweep: Sweep, factor: Factor) -> Array:
+def factor_values(sweep: Sweep, factor: Factor) -> Array:
     """Return a factor that is a number in all cases, in its display unit."""
     scale = units.factor(factor.unit or "1", factor.si)
     return np.array([case.values[factor.key] for case in sweep.cases], dtype=float) / scale
@@ -58,20 +58,20 @@ def _name(kind: str, quantity: str) -> str:
 def _curves(sweep: Sweep, quantity: str, factor: Factor, others: Sequence[Factor]) -> Figure:
     """Draw a quantity over one number, a curve for each choice of the rest."""
     figure, axes = charts.drawing(charts.NARROW, 3.6)
-    x, y = given(sweep, factor), sweep.results.in_unit(quantity)
+    x, y = factor_values(sweep, factor), sweep.results.in_unit(quantity)
     labels = [", ".join(str(case.values[other.key]) for other in others) for case in sweep.cases]
     for index, label in enumerate(list(dict.fromkeys(labels))[:CURVES]):
         chosen = [i for i, each in enumerate(labels) if each == label]
         axes.plot(x[chosen], y[chosen], marker="o", markersize=3, color=charts.COLOURS[index], label=label)
-    _limits(axes, sweep, quantity)
+    _draw_limits(axes, sweep, quantity)
     _scale(axes, factor)
-    _named(axes, labelled(factor.name, factor.unit), labelled(quantity, sweep.results.unit(quantity)))
+    _name_axes(axes, axis_label(factor.name, factor.unit), axis_label(quantity, sweep.results.unit(quantity)))
     if others or axes.get_legend_handles_labels()[1] not in ([], [""]):
         charts.below(figure, axes, 3)
     return Figure(_name("curve", quantity), charts.svg(figure), f"{quantity} over {factor.name}")
 
 
-def _limits(axes: Any, sweep: Sweep, quantity: str) -> None:
+def _draw_limits(axes: Any, sweep: Sweep, quantity: str) -> None:
     if not sweep.results.has(quantity):
         return
     si, unit = sweep.results.kinds[key_of(quantity)].si, sweep.results.unit(quantity)
@@ -93,12 +93,12 @@ def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], feasible: Seque
     """Draw a quantity over two numbers; what breaks a limit is paler."""
     figure, axes = charts.drawing(charts.NARROW, 4.2)
     shape = tuple(len(factor.values) for factor in factors)
-    x, y = (given(sweep, factor).reshape(shape) for factor in factors)
+    x, y = (factor_values(sweep, factor).reshape(shape) for factor in factors)
     z = np.ma.masked_invalid(sweep.results.in_unit(quantity).reshape(shape))
     if z.count() and min(shape) > 1:
         contours = axes.contourf(x, y, z, levels=14, cmap="viridis")
         bar = figure.colorbar(contours, ax=axes)
-        bar.set_label(labelled(quantity, sweep.results.unit(quantity)), color=charts.NEUTRAL)
+        bar.set_label(axis_label(quantity, sweep.results.unit(quantity)), color=charts.NEUTRAL)
         bar.ax.tick_params(colors=charts.NEUTRAL)
     if sweep.plan.limits:
         broken = np.ones(len(sweep.cases), dtype=bool)
@@ -106,7 +106,7 @@ def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], feasible: Seque
         veil = np.ma.masked_where(~broken.reshape(shape), np.ones(shape))
         axes.pcolormesh(x, y, veil, cmap="Greys", vmin=0, vmax=2, alpha=0.45, shading="nearest")
     _scale(axes, *factors)
-    _named(axes, *(labelled(factor.name, factor.unit) for factor in factors))
+    _name_axes(axes, *(axis_label(factor.name, factor.unit) for factor in factors))
     caption = f"{quantity} over {' and '.join(factor.name for factor in factors)}"
     caption += "; veiled: a limit is broken" if sweep.plan.limits else ""
     return Figure(_name("map", quantity), charts.svg(figure), caption)
@@ -121,12 +121,12 @@ def _scatter(sweep: Sweep, quantity: str, numbers: Sequence[Factor]) -> Figure:
     for place, factor in enumerate(numbers, 1):
         axes = drawing.add_subplot(1, len(numbers), place)
         charts.plain(axes)
-        axes.plot(given(sweep, factor), y, ".", markersize=3, color=charts.COLOURS[0], rasterized=len(y) > MANY)
+        axes.plot(factor_values(sweep, factor), y, ".", markersize=3, color=charts.COLOURS[0], rasterized=len(y) > MANY)
         _scale(axes, factor)
-        _named(
+        _name_axes(
             axes,
-            labelled(factor.name, factor.unit),
-            labelled(quantity, sweep.results.unit(quantity)) if place == 1 else "",
+            axis_label(factor.name, factor.unit),
+            axis_label(quantity, sweep.results.unit(quantity)) if place == 1 else "",
         )
     return Figure(_name("points", quantity), charts.svg(drawing), f"{quantity} of all cases over what varies")
 
@@ -145,12 +145,12 @@ def _front(sweep: Sweep, front: Sequence[int], feasible: Sequence[int]) -> Figur
         third = sweep.results.in_unit(more[0])[list(front)]
         points = axes.scatter(x[list(front)], y[list(front)], c=third, s=28, zorder=3)
         bar = figure.colorbar(points, ax=axes)
-        bar.set_label(labelled(more[0], sweep.results.unit(more[0])), color=charts.NEUTRAL)
+        bar.set_label(axis_label(more[0], sweep.results.unit(more[0])), color=charts.NEUTRAL)
         bar.ax.tick_params(colors=charts.NEUTRAL)
     else:
         order = sorted(front, key=lambda i: x[i])
         axes.plot(x[order], y[order], "o-", color=charts.COLOURS[1], markersize=5, label="no other beats them")
-    _named(axes, *(labelled(each, sweep.results.unit(each)) for each in (first, second)))
+    _name_axes(axes, *(axis_label(each, sweep.results.unit(each)) for each in (first, second)))
     charts.below(figure, axes, 3)
     return Figure("front.svg", charts.svg(figure), "Designs that no other beats in all aims at once")
 
@@ -174,7 +174,7 @@ def importance(indices: Mapping[str, Indices], names: Sequence[str]) -> Figure:
     return Figure("importance.svg", charts.svg(figure), "Which factor matters for what")
 
 
-def _named(axes: Any, xlabel: str, ylabel: str) -> None:
+def _name_axes(axes: Any, xlabel: str, ylabel: str) -> None:
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
     axes.grid(color=charts.NEUTRAL, alpha=0.25)

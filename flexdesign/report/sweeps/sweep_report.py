@@ -18,7 +18,7 @@ from flexdesign.fem import mesh_refinement
 from flexdesign.report import accuracy_text
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweeps import sweep_figures
-from flexdesign.report.sweeps.sweep_figures import labelled
+from flexdesign.report.sweeps.sweep_figures import axis_label
 from flexdesign.report.validation import design_pictures
 from flexdesign.workflows.sweeps import Sweep, evaluators, pareto, sensitivity
 from flexdesign.workflows.sweeps.sensitivity import Indices
@@ -46,7 +46,7 @@ def chosen(sweep: Sweep) -> tuple[Sequence[int], Sequence[int]]:
     feasible, aims = pareto.feasible(sweep.results, sweep.plan.limits), sweep.plan.aims
     if not aims:
         return feasible.tolist(), []
-    best = pareto.ranked(sweep.results, feasible, aims[0])[:BEST] if len(aims) == 1 else None
+    best = pareto.rank(sweep.results, feasible, aims[0])[:BEST] if len(aims) == 1 else None
     return feasible.tolist(), (pareto.pareto_front(sweep.results, feasible, aims) if best is None else best).tolist()
 
 
@@ -60,7 +60,7 @@ def _sections(sweep: Sweep) -> list[Section]:
     figures = sweep_figures.figures(sweep, reported_quantities(sweep), front, feasible)
     good = []
     if sweep.plan.method != "sensitivity":
-        pictures, missing = _drawn(sweep)
+        pictures, missing = _draw(sweep)
         good.append(
             Section("The best designs", [_how(sweep), *missing], [best(sweep)], pictures, gallery=len(pictures) > 1)
         )
@@ -87,7 +87,7 @@ def summary(sweep: Sweep) -> list[str]:
     sentences = []
     if front and len(plan.aims) == 1:
         largest = _number(sweep, front[0], plan.aims[0].quantity)
-        sentences.append(f"The {plan.aims[0]} is {largest}: {_words(sweep, front[0])}.")
+        sentences.append(f"The {plan.aims[0]} is {largest}: {_factors_text(sweep, front[0])}.")
     elif front:
         sentences.append(f"{len(front)} designs are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
     for quantity, each in _indices(sweep).items():
@@ -106,7 +106,7 @@ def summary(sweep: Sweep) -> list[str]:
 
 def _inaccurate(sweep: Sweep) -> list[str]:
     """Say that the accuracy that was asked for is not reached in some cases."""
-    missed = {_words(sweep, place): error for place, error in sweep.inaccurate.items()}
+    missed = {_factors_text(sweep, place): error for place, error in sweep.inaccurate.items()}
     sentences = accuracy_text.not_reached_by(sweep.plan.mesh.accuracy, missed, len(sweep.cases) - len(sweep.failed))
     return [sentences] if sentences else []
 
@@ -121,13 +121,13 @@ EVALUATORS = {
 }
 
 
-def _drawn(sweep: Sweep) -> tuple[list[Figure], list[str]]:
+def _draw(sweep: Sweep) -> tuple[list[Figure], list[str]]:
     """Draw the first of the best designs; return the pictures, and why some are not there."""
     if not isinstance(sweep.plan.subject, Design):
         return [], []
     feasible, front = chosen(sweep)
     best = (_spread(front) if sweep.plan.aims else feasible[:BEST])[:DRAWN]
-    found = {_words(sweep, place): evaluators.version_of(sweep.plan, sweep.cases[place]) for place in best}
+    found = {_factors_text(sweep, place): evaluators.version_of(sweep.plan, sweep.cases[place]) for place in best}
     return design_pictures.draw(found)
 
 
@@ -145,8 +145,8 @@ def best(sweep: Sweep) -> Table:
     places = _spread(front) if sweep.plan.aims else feasible[:BEST]
     quantities = reported_quantities(sweep)
     heads = [
-        *(labelled(factor.name, factor.unit) for factor in sweep.plan.factors),
-        *(labelled(quantity, sweep.results.unit(quantity)) for quantity in quantities),
+        *(axis_label(factor.name, factor.unit) for factor in sweep.plan.factors),
+        *(axis_label(quantity, sweep.results.unit(quantity)) for quantity in quantities),
     ]
     rows = [
         [
@@ -173,7 +173,7 @@ def _number(sweep: Sweep, place: int, quantity: str) -> str:
     return f"{_plain(sweep, place, quantity)} {sweep.results.unit(quantity)}".rstrip()
 
 
-def _words(sweep: Sweep, place: int) -> str:
+def _factors_text(sweep: Sweep, place: int) -> str:
     values = sweep.cases[place].values
     return ", ".join(f"{factor.name} {factor.formatted(values[factor.key])}" for factor in sweep.plan.factors)
 
@@ -219,7 +219,7 @@ def importance(sweep: Sweep) -> Table:
     return Table(["quantity", "factor", "alone", "in all"], rows)
 
 
-def answer(sweep: Sweep) -> Table:
+def result_table(sweep: Sweep) -> Table:
     """Return the table that answers what was asked: what matters for what, or the best designs."""
     return importance(sweep) if sweep.plan.method == "sensitivity" else best(sweep)
 
@@ -242,7 +242,7 @@ def _failures(sweep: Sweep) -> Table:
     for place in sweep.failed:
         first.setdefault(sweep.results.errors[place], place)
     reasons = Counter(sweep.results.errors[place] for place in sweep.failed)
-    rows = [[_words(sweep, first[reason]), str(count), reason] for reason, count in reasons.most_common(REASONS)]
+    rows = [[_factors_text(sweep, first[reason]), str(count), reason] for reason, count in reasons.most_common(REASONS)]
     return Table(["for example", "cases", "reason"], rows, f"{len(reasons)} reasons" if len(reasons) > 1 else "")
 
 
@@ -254,7 +254,7 @@ def columns(sweep: Sweep) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     for factor in sweep.plan.factors:
         if factor.is_number:
-            found[f"{factor.key} [{factor.unit or '1'}]"] = sweep_figures.given(sweep, factor).tolist()
+            found[f"{factor.key} [{factor.unit or '1'}]"] = sweep_figures.factor_values(sweep, factor).tolist()
         else:
             found[factor.key] = [case.values[factor.key] for case in sweep.cases]
     for key in sweep.results.kinds:

@@ -10,7 +10,7 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.report.document import Fact
 from flexdesign.report.validation.stage_text import Axes
-from flexdesign.report.wording import formatted, name_of
+from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -29,12 +29,12 @@ def facts(validation: Validation) -> list[Fact]:
         return _of_joint(found)
     card = [_stroke(validation)] if design.actuator else []
     card += [
-        Fact(name_of(found[key]), formatted(found[key]), found[key].boundary)
+        Fact(name_of(found[key]), format_quantity(found[key]), found[key].boundary)
         for key in ("K_in_output_free", "lambda_output_free", f"K_out_{boundary}", f"first_frequency_{boundary}")
         if key in found
     ]
     for quantity in margins(validation):
-        card.append(Fact(name_of(quantity), formatted(quantity), quantity.boundary.partition(", ")[0]))
+        card.append(Fact(name_of(quantity), format_quantity(quantity), quantity.boundary.partition(", ")[0]))
     if design.actuator:
         preload = units.to_text(design.actuator.preload, "N") if design.actuator.preload else "none"
         lost = found.get("output_force_that_unloads_the_stack_no_voltage")
@@ -47,7 +47,7 @@ def _of_joint(found: Mapping[str, Quantity]) -> list[Fact]:
     """Return the card of a joint: its six stiffnesses, and the first frequency."""
     keys = [f"k_{motion}_other_motions_held" for motion in ("x", "y", "z", "rx", "ry", "rz")]
     return [
-        Fact(name_of(found[key]), formatted(found[key]), found[key].boundary)
+        Fact(name_of(found[key]), format_quantity(found[key]), found[key].boundary)
         for key in (*keys, "first_frequency_output_free")
         if key in found
     ]
@@ -77,12 +77,12 @@ def margins(validation: Validation) -> list[Quantity]:
     return [min(each, key=lambda quantity: quantity.value) for each in found.values() if each]
 
 
-def stroke_in_words(validation: Validation) -> str:
+def stroke_text(validation: Validation) -> str:
     """Return the stroke as headlines state it: with large displacements, and the linear one."""
     found = _by_key(validation)
-    linear = formatted(found["stroke_output_free"])
+    linear = format_quantity(found["stroke_output_free"])
     large = found.get("stroke_output_free_large_displacements")
-    return f"{formatted(large)} with large displacements (linear: {linear})" if large else f"{linear} (linear)"
+    return f"{format_quantity(large)} with large displacements (linear: {linear})" if large else f"{linear} (linear)"
 
 
 def warnings(validation: Validation) -> list[str]:
@@ -92,7 +92,7 @@ def warnings(validation: Validation) -> list[str]:
     """
     design, found = validation.study.design, _by_key(validation)
     remarks = [
-        f"{name_of(quantity)} is {formatted(quantity)}, less than 1 ({quantity.boundary})."
+        f"{name_of(quantity)} is {format_quantity(quantity)}, less than 1 ({quantity.boundary})."
         for quantity in margins(validation)
         if quantity.value < 1
     ]
@@ -107,7 +107,7 @@ def warnings(validation: Validation) -> list[str]:
             "Hinge roots are drawn sharp: the safety is that of the nominal hinge stress, without a notch factor."
         )
     changes = [
-        f"{name_of(q)} {formatted(q)}"
+        f"{name_of(q)} {format_quantity(q)}"
         for q in found.values()
         if q.name.endswith("_change") and "full drive" in q.boundary and abs(q.value) > CHANGES
     ]
@@ -132,25 +132,25 @@ def facts_of_stage(validation: StageValidation) -> list[Fact]:
     for axis in axes.listed:
         label = axes.label(axis)
         if (travel := found.get(f"stroke_{axis}_table_free")) is not None:
-            note = f"full voltage, table free{grown(validation, axis)}"
-            card.append(Fact(f"travel {label}, linear", formatted(travel), note))
+            note = f"full voltage, table free{travel_change(validation, axis)}"
+            card.append(Fact(f"travel {label}, linear", format_quantity(travel), note))
         boundary = "actuators installed" if validation.study.design.actuator else "inputs free"
         stiffness = found[f"K_out_{axis}_{boundary.replace(' ', '_')}"]
-        card.append(Fact(f"stiffness K_out {label}", formatted(stiffness), boundary))
+        card.append(Fact(f"stiffness K_out {label}", format_quantity(stiffness), boundary))
     for boundary in ("actuators installed", "inputs free"):
         first = found.get(f"frequency_1_{boundary.replace(' ', '_')}")
         if first is not None:
-            card.append(Fact("first natural frequency", formatted(first), boundary))
+            card.append(Fact("first natural frequency", format_quantity(first), boundary))
             break
     return card
 
 
-def travel_in_words(validation: StageValidation, axis: str) -> str:
+def travel_text(validation: StageValidation, axis: str) -> str:
     """Return the linear travel of an axis at full voltage, and what large displacements do to it."""
-    return f"{formatted(validation.fem(f'stroke_{axis}_table_free'))} (linear{grown(validation, axis)})"
+    return f"{format_quantity(validation.fem(f'stroke_{axis}_table_free'))} (linear{travel_change(validation, axis)})"
 
 
-def grown(validation: StageValidation, axis: str) -> str:
+def travel_change(validation: StageValidation, axis: str) -> str:
     """Say by how much large displacements change the travel per input of an axis; empty if nobody followed them.
 
     How far the actuators get at full voltage is known of the linear stage alone, so that there is no better travel yet.
@@ -178,11 +178,11 @@ def quantities_of_stage(validation: StageValidation) -> dict[str, Any]:
 
 def _stroke(validation: Validation) -> Fact:
     found = _by_key(validation)
-    linear = formatted(found["stroke_output_free"])
+    linear = format_quantity(found["stroke_output_free"])
     large = found.get("stroke_output_free_large_displacements")
     if large is None:
         return Fact("stroke, linear", linear, "output free")
-    return Fact("stroke, large displacements", formatted(large), f"linear: {linear}")
+    return Fact("stroke, large displacements", format_quantity(large), f"linear: {linear}")
 
 
 def _boundary(validation: Validation) -> str:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from flexdesign.report.document import Section, Table
-from flexdesign.report.wording import formatted, name_of
+from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import CrossCheck, Way
 from flexdesign.workflows.validation.cross_check import KEYS
 
@@ -26,8 +26,8 @@ def section(check: CrossCheck | None) -> Section:
         "their own estimate. The differences are from the way that the rest of this report took, whose time includes "
         "modes; estimates combine in quadrature. K_in and λ hold with the output free, K_out with the input free."
     )
-    failed = [f"{_named(way)} gave no answer: {way.failure}." for way in check.others if way.failure]
-    return Section("Cross-check", [verdict(check), text, *failed], [_answers(check), _differences(check)])
+    failed = [f"{_method_name(way)} gave no answer: {way.failure}." for way in check.others if way.failure]
+    return Section("Cross-check", [verdict(check), text, *failed], [_results(check), _differences(check)])
 
 
 def verdict(check: CrossCheck) -> str:
@@ -37,7 +37,9 @@ def verdict(check: CrossCheck) -> str:
     way, key, worst = check.worst()
     gap = abs(100 * way.difference(check.chosen, key)[0])
     count = len(check.answered) + 1
-    where = f"{name_of(way.found[key])}, {_named(way).lower()}: {gap:.2g} %, {worst:.2g} times the combined estimate"
+    where = (
+        f"{name_of(way.found[key])}, {_method_name(way).lower()}: {gap:.2g} %, {worst:.2g} times the combined estimate"
+    )
     if check.agrees:
         return f"Cross-check: {count} ways to mesh and solve the part agree within their estimates (farthest {where})."
     return f"Cross-check: {count} ways to mesh and solve the part do NOT agree within their estimates ({where})."
@@ -67,9 +69,14 @@ def _entry(way: Way, check: CrossCheck) -> dict[str, Any]:
     }
 
 
-def _answers(check: CrossCheck) -> Table:
+def _results(check: CrossCheck) -> Table:
     rows = [
-        [*_cells(way, check), f"{way.unknowns}", *(formatted(way.found[key]) for key in KEYS), f"{way.seconds:.0f} s"]
+        [
+            *_cells(way, check),
+            f"{way.unknowns}",
+            *(format_quantity(way.found[key]) for key in KEYS),
+            f"{way.seconds:.0f} s",
+        ]
         for way in (check.chosen, *check.answered)
     ]
     return Table(["meshes", "domain", "unknowns", *HEADS, "time"], rows, "What each way finds")
@@ -96,5 +103,5 @@ def _domain(way: Way) -> str:
     return ("whole part", "half", "quarter", "eighth")[len(way.planes)]
 
 
-def _named(way: Way) -> str:
+def _method_name(way: Way) -> str:
     return f"{METHODS.get(way.method, way.method).capitalize()} meshes of the {_domain(way)}"

@@ -74,7 +74,7 @@ def _sections(drawn_outlines: Mapping[str, Outline]) -> Figure:
     for place, (label, outline) in enumerate(drawn_outlines.items(), 1):
         axes = drawing.add_subplot(1, len(drawn_outlines), place, sharex=shared, sharey=shared)
         shared = shared or axes
-        loops = [Path(1e3 * loop, closed=True) for loop in _wound(outline.loops)]
+        loops = [Path(1e3 * loop, closed=True) for loop in _orient_loops(outline.loops)]
         axes.add_patch(PathPatch(Path.make_compound_path(*loops), facecolor=charts.COLOURS[0], edgecolor="none"))
         axes.set_title(label.replace(", ", "\n"), fontsize=8, color=charts.NEUTRAL)
         axes.set_aspect("equal")
@@ -83,7 +83,7 @@ def _sections(drawn_outlines: Mapping[str, Outline]) -> Figure:
     return Figure("sections.svg", charts.svg(drawing), "Sections of the designs, in one scale")
 
 
-def _wound(loops: Sequence[Sequence[tuple[float, float]]]) -> list[Array]:
+def _orient_loops(loops: Sequence[Sequence[tuple[float, float]]]) -> list[Array]:
     """Return contours closed, the largest to the left and the holes in it to the right, as filling asks."""
     closed = [np.array([*loop, loop[0]]) for loop in loops]
     areas = [float(np.sum(c[:-1, 0] * c[1:, 1] - c[1:, 0] * c[:-1, 1])) for c in closed]

@@ -10,9 +10,9 @@ from flexdesign.effects import statics
 from flexdesign.report import charts
 from flexdesign.report.diagnosis.table_text import effect_name
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.wording import formatted, name_of
+from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
-from flexdesign.workflows.validation.model_hierarchy import Ladder
+from flexdesign.workflows.validation.model_hierarchy import ModelHierarchy
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 #: How the quantities are written, by key.
@@ -41,7 +41,7 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     hierarchy = validation.hierarchy
     if hierarchy is None:
         return Section("From the pseudo-rigid model to FEM")
-    figure = Figure("theory_ladder.svg", _drawn(hierarchy, symbols), "Distance from FEM, effect by effect")
+    figure = Figure("theory_ladder.svg", _draw(hierarchy, symbols), "Distance from FEM, effect by effect")
     given = validation.study.design.tolerances
     text = (
         f"{TOLERANCES} Dimensions within {1e6 * given.dimensions:g} um, the modulus within {100 * given.modulus:g} %."
@@ -54,7 +54,7 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     )
 
 
-def result(hierarchy: Ladder | None) -> dict[str, Any] | None:
+def result(hierarchy: ModelHierarchy | None) -> dict[str, Any] | None:
     """Return the ladder as result.json has it."""
     if hierarchy is None:
         return None
@@ -65,7 +65,7 @@ def result(hierarchy: Ladder | None) -> dict[str, Any] | None:
     return {"rungs": rungs, "tolerances_2_sigma": dict(hierarchy.tolerances)}
 
 
-def _error_steps(hierarchy: Ladder, symbols: Mapping[str, str]) -> Table:
+def _error_steps(hierarchy: ModelHierarchy, symbols: Mapping[str, str]) -> Table:
     keys = list(hierarchy.rungs[0].errors)
     rows = []
     for step_of_ladder in hierarchy.rungs:
@@ -77,15 +77,15 @@ def _error_steps(hierarchy: Ladder, symbols: Mapping[str, str]) -> Table:
     return Table(head, rows, "Model over FEM, less one; K_in and λ with a free output, K_out with free inputs")
 
 
-def _tolerances(validation: Validation | StageValidation, hierarchy: Ladder) -> Table:
+def _tolerances(validation: Validation | StageValidation, hierarchy: ModelHierarchy) -> Table:
     rows = []
     for key, share in hierarchy.tolerances.items():
         fem = validation.fem(key)
-        rows.append([name_of(fem), fem.boundary, formatted(fem), f"± {100 * share:.2g} %"])
+        rows.append([name_of(fem), fem.boundary, format_quantity(fem), f"± {100 * share:.2g} %"])
     return Table(["quantity", "boundary", "FEM ± mesh", "tolerances"], rows, "Tolerances: two standard deviations")
 
 
-def _drawn(hierarchy: Ladder, symbols: Mapping[str, str]) -> bytes:
+def _draw(hierarchy: ModelHierarchy, symbols: Mapping[str, str]) -> bytes:
     labels = [
         f"+ {effect_name(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
         for step_of_ladder in hierarchy.rungs

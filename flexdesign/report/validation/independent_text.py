@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from flexdesign.report.document import Section, Table
-from flexdesign.report.wording import formatted, name_of
+from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import IndependentCheck
 
 
@@ -36,8 +36,8 @@ def section(check: IndependentCheck | None) -> Section:
         [
             name_of(quantity),
             quantity.boundary,
-            formatted(check.chosen[key]),
-            formatted(quantity),
+            format_quantity(check.chosen[key]),
+            format_quantity(quantity),
             f"{100 * check.gap(key):+.2g} %",
             f"{100 * check.allowed(key):.2g} %",
         ]

@@ -14,7 +14,7 @@ from flexdesign.fem.quantities.port_stiffness import FREE, HELD
 from flexdesign.fem.solving.port_compliance import MOTIONS
 from flexdesign.report import strength_text
 from flexdesign.report.document import Section, Table
-from flexdesign.report.wording import formatted, name_of
+from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
 
 TITLE = "Stiffness of the output port in six directions"
@@ -25,13 +25,13 @@ def table_1(validation: Validation) -> Table:
     if not validation.has_input:
         return _six(validation)
     names = ("K_in", "lambda", "K_out")
-    rows = [[name_of(q), q.boundary, formatted(q)] for q in validation.further if q.name in names]
+    rows = [[name_of(q), q.boundary, format_quantity(q)] for q in validation.further if q.name in names]
     return Table(["quantity", "boundary", "FEM"], rows, "FEM ± estimated discretisation error")
 
 
 def section(validation: Validation) -> Section:
     """Return the section; empty for a part that names its members."""
-    if not _found(validation):
+    if not _results(validation):
         return Section(TITLE)
     port = next(p for p in validation.study.design.part().ports() if p.role == "output")
     about = in_mm(port.point)
@@ -52,7 +52,7 @@ def summary(validation: Validation) -> list[str]:
     pieces: dict[str, list[str]] = {}
     for motion in MOTIONS:
         kind = port_stiffness.kind(motion, ports) or f"along {motion}"
-        pieces.setdefault(kind, []).append(formatted(_fem(validation, motion, HELD)))
+        pieces.setdefault(kind, []).append(format_quantity(_fem(validation, motion, HELD)))
     listed = "; ".join(f"{kind} {' and '.join(values)}" for kind, values in pieces.items())
     return [f"FEM gives the stiffness of the output port against the ground, other motions held: {listed}."]
 
@@ -80,7 +80,7 @@ def strength(validation: Validation) -> Section:
 
 def result(validation: Validation) -> dict[str, Any] | None:
     """Return the matrices as result.json has them; None for a part that names its members."""
-    if not _found(validation):
+    if not _results(validation):
         return None
     stiffness, compliance = port_stiffness.matrices(validation.finest.solution.compliance)
     return {
@@ -92,12 +92,12 @@ def result(validation: Validation) -> dict[str, Any] | None:
     }
 
 
-def _found(validation: Validation) -> list[Quantity]:
+def _results(validation: Validation) -> list[Quantity]:
     return [q for q in validation.further if q.name.startswith("k_") and q.boundary in (HELD, FREE)]
 
 
 def _fem(validation: Validation, motion: str, boundary: str) -> Quantity:
-    return next(q for q in _found(validation) if q.name == f"k_{motion}" and q.boundary == boundary)
+    return next(q for q in _results(validation) if q.name == f"k_{motion}" and q.boundary == boundary)
 
 
 def _six(validation: Validation) -> Table:
@@ -105,7 +105,7 @@ def _six(validation: Validation) -> Table:
     rows = []
     for motion in MOTIONS:
         kind = port_stiffness.kind(motion, ports)
-        cells = [formatted(_fem(validation, motion, boundary)) for boundary in (HELD, FREE)]
+        cells = [format_quantity(_fem(validation, motion, boundary)) for boundary in (HELD, FREE)]
         rows.append([f"k_{motion}{f' ({kind})' if kind else ''}", *cells])
     return Table(["stiffness", HELD, FREE], rows, "FEM ± estimated discretisation error")
 

@@ -25,44 +25,44 @@ SECTIONS = (
 UNIT = "um"
 
 
-def document(found: Reproduction) -> Document:
+def document(reproduction: Reproduction) -> Document:
     """Return the report."""
-    sections = [Section("The verdicts", [], [verdicts(found)])]
-    sections += [_section(found, title, systems) for title, systems in SECTIONS]
-    sections.append(_how(found))
-    return Document(found.paper.title, _summary(found), sections)
+    sections = [Section("The verdicts", [], [verdicts(reproduction)])]
+    sections += [_section(reproduction, title, systems) for title, systems in SECTIONS]
+    sections.append(_how(reproduction))
+    return Document(reproduction.paper.title, _summary(reproduction), sections)
 
 
-def verdicts(found: Reproduction) -> Table:
+def verdicts(reproduction: Reproduction) -> Table:
     """Return how many rows have each verdict, and what it means."""
-    rows = [[verdict, str(count), VERDICTS[verdict]] for verdict, count in found.counted().items()]  # type: ignore[index]
+    rows = [[verdict, str(count), VERDICTS[verdict]] for verdict, count in reproduction.counted().items()]  # type: ignore[index]
     return Table(["verdict", "rows", "meaning"], rows)
 
 
-def _summary(found: Reproduction) -> list[str]:
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
-    design = found.stage.study.design
+def _summary(reproduction: Reproduction) -> list[str]:
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in reproduction.counted().items() if count)
+    design = reproduction.stage.study.design
     return [
-        f"{len(found.paper.printed)} printed numbers, and what the paper says in words, in {len(found.items)} rows: "
-        f"{counts}.",
+        f"{len(reproduction.paper.printed)} printed numbers, and what the paper says in words, "
+        f"in {len(reproduction.items)} rows: {counts}.",
         f"The paper prints no dimensions. The stage is {design.provenance}.",
-        _rows_in_words(found, "cannot be both"),
-        _rows_in_words(found, "differs"),
+        _row_count(reproduction, "cannot be both"),
+        _row_count(reproduction, "differs"),
     ]
 
 
-def _rows_in_words(found: Reproduction, verdict: str) -> str:
-    named = [f"{item.system} {item.what}" for item in found.items if item.verdict == verdict]
+def _row_count(reproduction: Reproduction, verdict: str) -> str:
+    named = [f"{item.system} {item.what}" for item in reproduction.items if item.verdict == verdict]
     head = {"cannot be both": "What contradicts itself or mechanics", "differs": "What differs and nothing explains"}
     return f"{head[verdict]}: {'; '.join(named) or 'nothing'}."
 
 
-def _section(found: Reproduction, title: str, systems: tuple[str, ...]) -> Section:
-    rows = [_row(item) for item in found.items if item.system in systems]
+def _section(reproduction: Reproduction, title: str, systems: tuple[str, ...]) -> Section:
+    rows = [_row(item) for item in reproduction.items if item.system in systems]
     table = Table(["", "what", "place", "paper", "ours", "verdict", "why"], rows)
-    plan = found.experiments.plan
+    plan = reproduction.experiments.plan
     experiments = [e for e in plan.experiments if e.name.partition(" ")[0] in systems]
-    figures = [f for e in experiments for f in simulation_figures.draw(e, found.experiments.of(e), UNIT)]
+    figures = [f for e in experiments for f in simulation_figures.draw(e, reproduction.experiments.of(e), UNIT)]
     return Section(title, [], [table], figures, gallery=True)
 
 
@@ -70,14 +70,14 @@ def _row(item: Item) -> list[str]:
     return [item.system, item.what, item.place, item.theirs, item.ours, item.verdict, item.why or "–"]
 
 
-def _how(found: Reproduction) -> Section:
-    stage, plan = found.stage, found.experiments.plan
+def _how(reproduction: Reproduction) -> Section:
+    stage, plan = reproduction.stage, reproduction.experiments.plan
     text = [
         f"The stage: {stage.study.design.title}, by finite elements on {len(stage.levels)} meshes of up to "
-        f"{stage.finest.unknowns / 1e6:.2g} million unknowns; flexdesign validate {found.paper.stage} has its report. "
-        f"The experiments: {len(plan.experiments)}, in {len(found.experiments.cases)} runs; flexdesign simulate "
-        f"{found.paper.model} {found.paper.experiments} has theirs. All of it took "
-        f"{units.to_text(found.seconds, 's', 3)}.",
+        f"{stage.finest.unknowns / 1e6:.2g} million unknowns; flexdesign validate {reproduction.paper.stage} has its "
+        f"report. The experiments: {len(plan.experiments)}, in {len(reproduction.experiments.cases)} runs; flexdesign "
+        f"simulate {reproduction.paper.model} {reproduction.paper.experiments} has theirs. All of it took "
+        f"{units.to_text(reproduction.seconds, 's', 3)}.",
         "A printed number is known to half a unit of its last digit; a measured motion to the sensor's resolution and "
         "the slope of its nonlinearity besides; a result of finite elements to its estimated error. “Agrees” means "
         "within the sum of these.",
@@ -85,16 +85,16 @@ def _how(found: Reproduction) -> Section:
     return Section("How", text)
 
 
-def result(found: Reproduction) -> dict[str, Any]:
+def result(reproduction: Reproduction) -> dict[str, Any]:
     """Return result.json's content."""
     return {
         **header("reproduction"),
-        "title": found.paper.title,
-        "verdicts": dict(found.counted()),
+        "title": reproduction.paper.title,
+        "verdicts": dict(reproduction.counted()),
         "rows": [
             {**{key: getattr(item, key) for key in ("system", "what", "place", "theirs", "ours", "verdict", "why")},
              "uses": [list(key) for key in item.uses]}
-            for item in found.items
+            for item in reproduction.items
         ],
-        "seconds": found.seconds,
+        "seconds": reproduction.seconds,
     }  # fmt: skip

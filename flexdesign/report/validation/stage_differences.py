@@ -6,8 +6,8 @@ import math
 
 from flexdesign.core import units
 from flexdesign.report.document import Section, Table
-from flexdesign.report.validation.stage_text import Axes, computed, percent, written
-from flexdesign.report.wording import formatted
+from flexdesign.report.validation.stage_text import Axes, computed_values, percent, written
+from flexdesign.report.wording import format_quantity
 from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -32,14 +32,14 @@ def section(validation: StageValidation) -> Section:
     tables = [*_springs(validation, axes), *_chains(validation, axes)]
     if validation.variants:
         text += [_variants_text(validation, axes)]
-        tables += [_variants(validation, axes), *_left(validation, axes)]
+        tables += [_variants(validation, axes), *_unexplained(validation, axes)]
     return Section("What explains the differences", [each for each in text if each], tables)
 
 
 def listed_comparisons(validation: StageValidation, axes: Axes) -> list[Comparison]:
     """Return the comparisons with computed numbers at the stated input, axes that are alike once."""
     far = {q.key for motion in validation.at_full_stroke for q in motion.quantities()}
-    return [c for c in validation.comparisons if computed(c) and c.fem.key not in far and axes.is_listed(c.fem)]
+    return [c for c in validation.comparisons if computed_values(c) and c.fem.key not in far and axes.is_listed(c.fem)]
 
 
 def nearest(validation: StageValidation) -> str | None:
@@ -49,7 +49,7 @@ def nearest(validation: StageValidation) -> str | None:
     for variant in (None, *validation.variants):
         logs = []
         for comparison in validation.comparisons:
-            for model, quantity in computed(comparison).items():
+            for model, quantity in computed_values(comparison).items():
                 value = comparison.fem.value if variant is None else validation.as_in(variant, comparison.fem.key)
                 if model in others and value is not None and comparison.fem.name not in OF_BODIES:
                     # A coupling that symmetry forbids misses all there is.
@@ -64,7 +64,7 @@ def _others(validation: StageValidation) -> list[str]:
     """Return the published columns of computed numbers that no formula here returns."""
     found = []
     for label in validation.study.published:
-        numbers = [c for c in validation.comparisons if label in computed(c)]
+        numbers = [c for c in validation.comparisons if label in computed_values(c)]
         if numbers and _returned_by(validation, label) is None:
             found.append(label)
     return found
@@ -73,7 +73,7 @@ def _others(validation: StageValidation) -> list[str]:
 def _returned_by(validation: StageValidation, label: str) -> str | None:
     """Return the formula that gives what was published, within the digits printed; couplings aside."""
     left_out = ("coupling", *OF_BODIES)
-    rows = [c for c in validation.comparisons if label in computed(c) and not c.fem.name.startswith(left_out)]
+    rows = [c for c in validation.comparisons if label in computed_values(c) and not c.fem.name.startswith(left_out)]
     for model in _formulas(validation):
         shared = [c.analytic[model].value / c.analytic[label].value - 1 for c in rows if model in c.analytic]
         if shared and max(map(abs, shared)) < SAME:
@@ -197,7 +197,7 @@ def _variants(validation: StageValidation, axes: Axes) -> Table:
     rows = []
     for comparison in listed_comparisons(validation, axes):
         fem = comparison.fem
-        row = [f"{axes.short(fem)}", formatted(fem)]
+        row = [f"{axes.short(fem)}", format_quantity(fem)]
         for label in validation.variants:
             value = validation.as_in(label, fem.key)
             row += [_as(validation, label, fem.key), percent(value / fem.value - 1 if value and fem.value else None)]
@@ -205,7 +205,7 @@ def _variants(validation: StageValidation, axes: Axes) -> Table:
     return Table(columns, rows, "Variants")
 
 
-def _left(validation: StageValidation, axes: Axes) -> list[Table]:
+def _unexplained(validation: StageValidation, axes: Axes) -> list[Table]:
     """Return a table for what other programs published: its deviation from FEM as in Table 1, and from a variant."""
     best, tables = nearest(validation), []
     for label in _others(validation):
@@ -230,7 +230,7 @@ def _deviation(value: float, reference: float) -> str:
 
 def _as(validation: StageValidation, variant: str, key: str) -> str:
     found = validation.variants[variant].get(key)
-    return "–" if found is None else formatted(found)
+    return "–" if found is None else format_quantity(found)
 
 
 def _stiffness(value: float) -> str:

@@ -11,13 +11,13 @@ from flexdesign.fem.cross_axis_coupling import CrossMotion
 from flexdesign.fem.quantities.stage_modes import ModeShares
 from flexdesign.report.comparison_text import listed
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.validation.stage_text import Axes, measured, percent, share, written
-from flexdesign.report.wording import formatted
+from flexdesign.report.validation.stage_text import Axes, measured_values, percent, share, written
+from flexdesign.report.wording import format_quantity
 from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 #: How the table's motions in a mode are called.
-MOVES = {
+DIRECTIONS = {
     "x": "along x",
     "y": "along y",
     "z": "along z",
@@ -67,12 +67,12 @@ def _second_order(validation: StageValidation, axes: Axes) -> Table:
         estimated = cross_axis_coupling.coupling_by_arms(motion.travel, arms, motion.axis)
         for driven, other in axes.pairs():
             if driven == motion.axis:
-                rows.append(_drawn_aside(axes, motion, other, estimated.get(other)))
+                rows.append(_cross_motion(axes, motion, other, estimated.get(other)))
     columns = ["driven → drawn", "input", "travel", "even part", "odd part", "per travel", "δ²/2L", "per travel"]
     return Table(columns, rows, "Second order: large displacements, and the arms' δ²/2L")
 
 
-def _drawn_aside(axes: Axes, motion: CrossMotion, other: str, arm: float | None) -> list[str]:
+def _cross_motion(axes: Axes, motion: CrossMotion, other: str, arm: float | None) -> list[str]:
     even, odd = (_motion(values[other], motion.travel) for values in (motion.even, motion.odd))
     return [
         axes.pair(motion.axis, other),
@@ -131,14 +131,14 @@ def _coarse(validation: StageValidation) -> list[str]:
 def compare_with_measurements(validation: StageValidation) -> Section:
     """Return the section that compares FEM with numbers that have an uncertainty, and says what these can prove."""
     axes = Axes(validation)
-    found = [c for c in validation.comparisons if measured(c) and axes.is_listed(c.fem)]
+    found = [c for c in validation.comparisons if measured_values(c) and axes.is_listed(c.fem)]
     if not found:
         return Section("Comparison with measurements")
     rows = []
     for comparison in found:
         fem = comparison.fem
-        for label, theirs in measured(comparison).items():
-            cells = [axes.what(fem), axes.where(fem), formatted(fem), written(validation, label, theirs)]
+        for label, theirs in measured_values(comparison).items():
+            cells = [axes.what(fem), axes.where(fem), format_quantity(fem), written(validation, label, theirs)]
             known = abs(theirs.value) > (theirs.half_width or 0.0)
             off = percent(comparison.error(label)) if known else "–"
             rows.append([*cells, off, verdict(comparison, theirs)])
@@ -147,8 +147,8 @@ def compare_with_measurements(validation: StageValidation) -> Section:
         "A measurement proves as much as its uncertainty lets it. A measured coupling also has the sensor's "
         "misalignment, which no uncertainty here covers: a degree off its axis reads 1.7 % of the travel. FEM's "
         "coupling is that of second order, the measured one of all orders.",
-        *_amplified(validation, axes, found),
-        *_needed(validation, axes, found),
+        *_implied_amplification(validation, axes, found),
+        *_required_causes(validation, axes, found),
     ]
     return Section("Comparison with measurements", text, [Table(columns, rows)])
 
@@ -163,7 +163,7 @@ def verdict(comparison: Comparison, theirs: Quantity) -> str:
     return "agrees within the uncertainty" if within else "differs by more than the uncertainty: unexplained"
 
 
-def _amplified(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
+def _implied_amplification(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
     """Say what amplification the measured travels mean, compared with that of the models."""
     texts = []
     for comparison in found:
@@ -176,7 +176,7 @@ def _amplified(validation: StageValidation, axes: Axes, found: Sequence[Comparis
         texts += [
             f"{axes.label(axis)} {units.significant(theirs.value / motion.extension, 3)} as measured, FEM "
             f"{units.significant(comparison.fem.value / motion.extension, 3)}{known}"
-            for theirs in measured(comparison).values()
+            for theirs in measured_values(comparison).values()
         ]
     if not texts:
         return []
@@ -185,7 +185,7 @@ def _amplified(validation: StageValidation, axes: Axes, found: Sequence[Comparis
     ]
 
 
-def _needed(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
+def _required_causes(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
     """Say how much of each cause of first order would make what was measured, each alone."""
     texts = []
     for comparison in found:
@@ -193,7 +193,7 @@ def _needed(validation: StageValidation, axes: Axes, found: Sequence[Comparison]
         if not coupled:
             continue
         driven = comparison.fem.boundary.partition(", ")[0]
-        value = next(iter(measured(comparison).values())).value
+        value = next(iter(measured_values(comparison).values())).value
         times = {
             c.name: abs(value / c.coupling[driven][other])
             for c in validation.causes
@@ -247,7 +247,7 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
         "static stroke is its part of the table's motion under a constant voltage; all modes together make 100 %. The "
         "table's motion is stated by its part of the kinetic energy; the rest is in blocks, bridges, limbs and "
         "amplifiers.",
-        *_carried(validation, axes),
+        *_weak_modes(validation, axes),
     ]
     if figures:
         text.append(
@@ -258,7 +258,7 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
     heads = [f"share of static stroke {axis.upper()}" for axis in axes.names]
     table = Table(["frequency", "actuators", *heads, "what the table does"], rows, "Lowest modes on the finest mesh")
     limits = [
-        [q.name.replace("_", " "), axes.where(q), formatted(q)]
+        [q.name.replace("_", " "), axes.where(q), format_quantity(q)]
         for q in validation.further
         if q.name.startswith("drive_") and axes.is_listed(q)
     ]
@@ -268,7 +268,7 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
     return Section("Natural frequencies", text, [*(tables if limits else []), table], figures, gallery=True)
 
 
-def _carried(validation: StageValidation, axes: Axes) -> list[str]:
+def _weak_modes(validation: StageValidation, axes: Axes) -> list[str]:
     """Name modes that move the table along an axis and have a small share of its static stroke."""
     texts = []
     for axis in axes.listed:
@@ -285,11 +285,11 @@ def _carried(validation: StageValidation, axes: Axes) -> list[str]:
 
 def _mode(validation: StageValidation, mode: ModeShares, state: str) -> list[str]:
     driven = [f"{100 * value:.1f} %" if abs(value) >= LEAST else "–" for value in mode.participation.values()]
-    return [f"{units.significant(mode.mode.frequency, 4)} Hz", state, *driven, in_words(mode)]
+    return [f"{units.significant(mode.mode.frequency, 4)} Hz", state, *driven, describe_mode(mode)]
 
 
-def in_words(mode: ModeShares) -> str:
+def describe_mode(mode: ModeShares) -> str:
     """Say how the table moves in a mode."""
     directions = sorted(((value, name) for name, value in mode.table.items() if value >= LEAST), reverse=True)
-    listed = ", ".join(f"{MOVES[name]} {100 * value:.0f} %" for value, name in directions)
+    listed = ", ".join(f"{DIRECTIONS[name]} {100 * value:.0f} %" for value, name in directions)
     return listed or "rests"

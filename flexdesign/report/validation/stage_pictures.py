@@ -21,7 +21,7 @@ from flexdesign.fem.superelements.assembled_stage import AssembledStage
 from flexdesign.fem.superelements.superelement import Interior
 from flexdesign.report.document import Figure
 from flexdesign.report.validation import stage_scene, stage_view
-from flexdesign.report.validation.stage_motion import in_words
+from flexdesign.report.validation.stage_motion import describe_mode
 from flexdesign.report.validation.stage_scene import SMALL, Scene, Skin
 from flexdesign.report.validation.stage_text import Axes
 from flexdesign.report.views import View
@@ -53,14 +53,14 @@ def draw(validation: StageValidation) -> tuple[list[Figure], list[Figure]]:
         If nothing can be drawn on this machine.
     """
     stage = validation.stages[0]
-    driven = {axis: _driven(validation, stage, axis) for axis in Axes(validation).listed}
+    driven = {axis: _drive(validation, stage, axis) for axis in Axes(validation).listed}
     actuator = validation.study.design.actuator
     modes = mode_shares(stage, actuator.installed_stiffness if actuator else 0.0, DRAWN_MODES)
     fields = np.stack([*driven.values(), *(mode.mode.amplitudes for mode in modes)], axis=1)
     skins, displaced = _skins(stage, fields)
-    jobs = [(Scene("stage.png"), _drawn_caption(validation))]
+    jobs = [(Scene("stage.png"), _caption(validation))]
     for index, axis in enumerate(driven):
-        jobs.append(_deformed(validation, axis, skins, [each[..., index] for each in displaced]))
+        jobs.append(_draw_deformation(validation, axis, skins, [each[..., index] for each in displaced]))
     swings = [
         (_swing(f"mode_{rank}.png", skins, [each[..., len(driven) + rank - 1] for each in displaced]), mode)
         for rank, mode in enumerate(modes, 1)
@@ -76,7 +76,7 @@ def draw(validation: StageValidation) -> tuple[list[Figure], list[Figure]]:
     return still, vibrating
 
 
-def _driven(validation: StageValidation, stage: AssembledStage, axis: str) -> FloatArray:
+def _drive(validation: StageValidation, stage: AssembledStage, axis: str) -> FloatArray:
     """Return the unknowns when an axis' actuators part their inputs by the stated mean."""
     drives = stage.assembly.axes[axis].drives
     load = stage.drive(axis)
@@ -100,25 +100,25 @@ def _skins(stage: AssembledStage, fields: FloatArray) -> tuple[list[Skin], list[
     palette = iter(itertools.cycle(AMPLIFIERS))
     for _, elements in assembly.kinds():
         pushed = elements[0].name in assembly.driven
-        name, colour = (_called(elements), next(palette)) if pushed else ("hinges", HINGE)
+        name, colour = (_element_name(elements), next(palette)) if pushed else ("hinges", HINGE)
         for element in elements:
             add(name, colour, _element(stage, element, fields))
     skins, displaced = [], []
     for name, (colour, glass, pieces) in groups.items():
-        points, triangles, motions = _joined(pieces)
+        points, triangles, motions = _join(pieces)
         skins.append(Skin(name, colour, points, triangles, glass))
         displaced.append(motions)
     return skins, displaced
 
 
-def _called(elements: Sequence[Element]) -> str:
+def _element_name(elements: Sequence[Element]) -> str:
     first, *others = (element.name.split("_") for element in elements)
     words = [word for word in first if all(word in other for other in others)]
     own = [word for word in words if word != "amplifier"]
     return f"amplifiers, {' '.join(own)}" if own else "amplifiers"
 
 
-def _joined(pieces: Sequence[tuple[FloatArray, IntArray, FloatArray]]) -> tuple[FloatArray, IntArray, FloatArray]:
+def _join(pieces: Sequence[tuple[FloatArray, IntArray, FloatArray]]) -> tuple[FloatArray, IntArray, FloatArray]:
     starts = np.cumsum([0, *(len(points) for points, _, _ in pieces)])
     return (
         np.concatenate([points for points, _, _ in pieces]),
@@ -152,7 +152,7 @@ def _element(stage: AssembledStage, element: Element, fields: FloatArray) -> tup
         motions = np.einsum("ij,j,njf->nif", turn, signs, np.einsum("njk,kf->njf", vectors, seen))
         facing = triangles if sum(mirrored) % 2 == 0 else triangles[:, ::-1]
         pieces.append((element.placement.outside(points * signs), facing, motions))
-    return _joined(pieces)
+    return _join(pieces)
 
 
 def _outside(inside: Interior) -> tuple[IntArray, IntArray]:
@@ -166,7 +166,7 @@ def _outside(inside: Interior) -> tuple[IntArray, IntArray]:
     return nodes, numbers.reshape(-1, 3)
 
 
-def _deformed(
+def _draw_deformation(
     validation: StageValidation, axis: str, skins: Sequence[Skin], motions: Sequence[FloatArray]
 ) -> tuple[Scene, str]:
     sizes = [np.linalg.norm(each, axis=1) for each in motions]
@@ -220,7 +220,7 @@ def _enlarged(skins: Sequence[Skin], motions: Sequence[FloatArray]) -> float:
     return _round_down(DRAWN * _extent(skins) / _largest(motions))
 
 
-def _drawn_caption(validation: StageValidation) -> str:
+def _caption(validation: StageValidation) -> str:
     assembly = validation.assembly
     counts = f"{len(assembly.driven)} amplifiers, {len(assembly.elements) - len(assembly.driven)} hinges"
     note = " Dimensions are reconstructed." if "reconstructed" in validation.study.design.provenance else ""
@@ -231,7 +231,7 @@ def _drawn_caption(validation: StageValidation) -> str:
 
 def _mode_caption(mode: ModeShares, rank: int, *, installed: bool) -> str:
     state = "actuators installed" if installed else "no actuators"
-    return f"Mode {rank}, {state}: {units.significant(mode.mode.frequency, 4)} Hz; the table: {in_words(mode)}"
+    return f"Mode {rank}, {state}: {units.significant(mode.mode.frequency, 4)} Hz; the table: {describe_mode(mode)}"
 
 
 def _extent(skins: Sequence[Skin]) -> float:

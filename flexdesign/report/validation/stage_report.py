@@ -8,17 +8,17 @@ from typing import Any
 
 from flexdesign.core import units
 from flexdesign.core.serialise import header, with_unit
-from flexdesign.dynamics.experiments.simulation import handed_over
+from flexdesign.dynamics.experiments.simulation import stage_model_cautions
 from flexdesign.fem import convergence
 from flexdesign.fem.cross_axis_coupling import Cause, CrossMotion
 from flexdesign.fem.quantities.stage_modes import ModeShares
 from flexdesign.fem.stage_condensation import Kind
 from flexdesign.report import accuracy_text
 from flexdesign.report.document import Document, Section, Table
-from flexdesign.report.pictures import drawn_or_said
+from flexdesign.report.pictures import draw_or_explain
 from flexdesign.report.validation import card, hierarchy_section, stage_differences, stage_motion, stage_pictures
-from flexdesign.report.validation.stage_text import Axes, axis_of, computed, percent, written
-from flexdesign.report.wording import flat, formatted
+from flexdesign.report.validation.stage_text import Axes, axis_of, computed_values, percent, written
+from flexdesign.report.wording import flat, format_quantity
 from flexdesign.workflows.validation import Comparison, provenance
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -29,19 +29,19 @@ def table_1(validation: StageValidation) -> Table:
     """Return FEM, each analytic model and each published column, with deviations from FEM."""
     axes = Axes(validation)
     found = stage_differences.listed_comparisons(validation, axes)
-    models = list(dict.fromkeys(model for comparison in found for model in computed(comparison)))
+    models = list(dict.fromkeys(model for comparison in found for model in computed_values(comparison)))
     rows = []
     for comparison in found:
         fem = comparison.fem
         where = axes.where(fem).removeprefix(f"{axes.label(axis_of(fem))}, ") if axis_of(fem) in axes.head else ""
-        cells = [_compared(validation, comparison, model) for model in models]
-        rows.append([f"{axes.short(fem)}, {where}", formatted(fem), *cells])
+        cells = [_comparison_text(validation, comparison, model) for model in models]
+        rows.append([f"{axes.short(fem)}, {where}", format_quantity(fem), *cells])
     return Table(["", "FEM", *models], rows, "FEM ± estimated discretisation error; in brackets deviations from FEM")
 
 
-def _compared(validation: StageValidation, comparison: Comparison, model: str) -> str:
+def _comparison_text(validation: StageValidation, comparison: Comparison, model: str) -> str:
     """Write a model's number, in the unit of FEM's, and how far it is off."""
-    theirs = computed(comparison).get(model)
+    theirs = computed_values(comparison).get(model)
     if theirs is None:
         return "–"
     number, error = written(validation, model, theirs).split()[0], comparison.error(model)
@@ -68,11 +68,11 @@ def document(validation: StageValidation, progress: Progress = lambda _: None) -
 
 def _sections(validation: StageValidation, progress: Progress) -> list[Section]:
     progress("drawing")
-    still, vibrating, missing = drawn_or_said(lambda: stage_pictures.draw(validation), progress)
+    still, vibrating, missing = draw_or_explain(lambda: stage_pictures.draw(validation), progress)
     sections = [
         Section("FEM, formulas and published numbers", _table_1_text(validation), [table_1(validation)]),
         stage_differences.section(validation),
-        _ladder(validation),
+        _hierarchy(validation),
         Section("Shape and deformation", missing, figures=still),
         stage_motion.coupling(validation),
         stage_motion.compare_with_measurements(validation),
@@ -86,7 +86,7 @@ def _sections(validation: StageValidation, progress: Progress) -> list[Section]:
     return [s for s in sections if s.tables or s.figures or s.paragraphs]
 
 
-def _ladder(validation: StageValidation) -> Section:
+def _hierarchy(validation: StageValidation) -> Section:
     axes, rungs = Axes(validation), validation.hierarchy.rungs if validation.hierarchy else []
     return hierarchy_section.section(
         validation, {key: axes.short(validation.fem(key)) for step_of_ladder in rungs for key in step_of_ladder.errors}
@@ -109,10 +109,10 @@ def _summary(validation: StageValidation) -> list[str]:
             validation.fem(f"{name}_{axis}_{boundary}")
             for name, boundary in (("K_out", "inputs_free"), ("K_in", "table_free"), ("lambda", "table_free"))
         )
-        travel = f", travel {card.travel_in_words(validation, axis)}" if design.actuator else ""
+        travel = f", travel {card.travel_text(validation, axis)}" if design.actuator else ""
         texts.append(
-            f"{axes.label(axis)}: K_out {formatted(k_out)}, K_in {formatted(k_in)}, "
-            f"amplification {formatted(ratio)}{travel}"
+            f"{axes.label(axis)}: K_out {format_quantity(k_out)}, K_in {format_quantity(k_in)}, "
+            f"amplification {format_quantity(ratio)}{travel}"
         )
     paragraphs.append(f"FEM of the whole stage gives {'; '.join(texts)}.")
     found = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
@@ -126,7 +126,7 @@ def _summary(validation: StageValidation) -> list[str]:
         )
     if validation.motions:
         paragraphs.append(_coupling_in_short(validation, axes))
-    return [*paragraphs, *handed_over(validation.stage_model)]
+    return [*paragraphs, *stage_model_cautions(validation.stage_model)]
 
 
 def _coupling_in_short(validation: StageValidation, axes: Axes) -> str:
@@ -146,7 +146,7 @@ def _table_1_text(validation: StageValidation) -> list[str]:
     same = [f"{a.upper()} is as {axes.head[a].upper()}, and listed with it" for a in axes.names if axes.head[a] != a]
     sources = {
         model: dict.fromkeys(q.source for c in validation.comparisons for m, q in c.analytic.items() if m == model)
-        for model in dict.fromkeys(model for c in validation.comparisons for model in computed(c))
+        for model in dict.fromkeys(model for c in validation.comparisons for model in computed_values(c))
     }
     listed = [
         f"{model}: {'; '.join(s for s in found if s)}." for model, found in sources.items() if set(found) - {"", model}
@@ -186,7 +186,7 @@ def _stage_model(validation: StageValidation) -> Section:
             " The hysteresis is that of the free stack, as the design has it, times travel per free stroke; the gain "
             "is k_v of eq (26), larger than travel over voltage by what hysteresis holds back."
         )
-    return Section("Stage model for simulations", [text, *handed_over(model)], [Table(columns, rows)])
+    return Section("Stage model for simulations", [text, *stage_model_cautions(model)], [Table(columns, rows)])
 
 
 def _meshes(validation: StageValidation) -> Section:
@@ -196,7 +196,7 @@ def _meshes(validation: StageValidation) -> Section:
             origin = ", cached" if kind.cached else ""
             rows.append(
                 [f"{number}", name, f"{kind.elements}", kind.method, f"{kind.part.unknowns} × {kind.copies}",
-                 f"{len(kind.part.stiffness)}", _gate(kind), f"{kind.seconds:.1f} s{origin}"]
+                 f"{len(kind.part.stiffness)}", _resolution_text(kind), f"{kind.seconds:.1f} s{origin}"]
             )  # fmt: skip
     whole, small = validation.finest.unknowns, validation.stages[-1].size
     scatter = convergence.describe(validation.scatter)
@@ -210,7 +210,7 @@ def _meshes(validation: StageValidation) -> Section:
     return Section("Meshes and checks", [text], [Table(columns, rows, caption)])
 
 
-def _gate(kind: Kind) -> str:
+def _resolution_text(kind: Kind) -> str:
     worst = max((abs(check.deviation) for check in kind.hinges), default=0.0)
     limit = max((check.limit for check in kind.hinges), default=0.0)
     return f"{100 * worst:.1g} % of {100 * limit:g} % allowed"
@@ -276,7 +276,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
         "theory_ladder": hierarchy_section.result(validation.hierarchy),
         "coupling": {
             "first_order": [_cause(cause) for cause in validation.causes],
-            "second_order": [_moved(motion) for motion in [*validation.motions, *validation.at_full_stroke]],
+            "second_order": [_motion(motion) for motion in [*validation.motions, *validation.at_full_stroke]],
         },
         "variants": {
             label: {key: quantity.to_json() for key, quantity in found.items()}
@@ -305,7 +305,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
     return {"name": cause.name, "assumed": cause.assumed, "coupling": coupling, "unit": "1"}
 
 
-def _moved(motion: CrossMotion) -> dict[str, Any]:
+def _motion(motion: CrossMotion) -> dict[str, Any]:
     return {
         "axis": motion.axis,
         "input": with_unit(motion.extension, "m"),

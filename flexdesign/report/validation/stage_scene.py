@@ -105,10 +105,10 @@ def _draw_all(skins: Sequence[Skin], scenes: Sequence[Scene]) -> dict[str, bytes
     vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
     pv.global_theme.font.color = INK
     edges = [sharp_edges(skin) for skin in skins]
-    return {scene.file: _drawn(skins, edges, scene, pv) for scene in scenes}
+    return {scene.file: _draw(skins, edges, scene, pv) for scene in scenes}
 
 
-def _drawn(skins: Sequence[Skin], edges: Sequence[IntArray], scene: Scene, pv: Any) -> bytes:
+def _draw(skins: Sequence[Skin], edges: Sequence[IntArray], scene: Scene, pv: Any) -> bytes:
     from matplotlib.colors import LinearSegmentedColormap
 
     plotter = pv.Plotter(off_screen=True, window_size=scene.size)

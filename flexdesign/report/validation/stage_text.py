@@ -30,7 +30,7 @@ class Axes:
         self.names = list(validation.assembly.axes)
         self.head = {name: name for name in self.names}
         for first, second in itertools.combinations(self.names, 2):
-            if self.head[first] == first and self.head[second] == second and _alike(validation, first, second):
+            if self.head[first] == first and self.head[second] == second and _are_equivalent(validation, first, second):
                 self.head[second] = first
 
     @property
@@ -88,7 +88,7 @@ def axis_of(quantity: Quantity) -> str:
     return quantity.boundary.partition(", ")[0]
 
 
-def _alike(validation: StageValidation, first: str, second: str) -> bool:
+def _are_equivalent(validation: StageValidation, first: str, second: str) -> bool:
     """Tell whether two axes have the same quantities, each other's place taken."""
     swap = {first: second, second: first}
     for key, quantity in validation.coarsest.items():
@@ -121,11 +121,11 @@ def share(ratio: float) -> str:
     return "0" if abs(ratio) < 1e-9 else f"{100 * ratio:.3g} %"
 
 
-def measured(comparison: Comparison) -> dict[str, Quantity]:
+def measured_values(comparison: Comparison) -> dict[str, Quantity]:
     """Return the numbers with an uncertainty that a quantity is compared with, by whose they are."""
     return {model: quantity for model, quantity in comparison.analytic.items() if quantity.half_width}
 
 
-def computed(comparison: Comparison) -> dict[str, Quantity]:
+def computed_values(comparison: Comparison) -> dict[str, Quantity]:
     """Return the numbers without an uncertainty: analytic models, and other programs."""
     return {model: quantity for model, quantity in comparison.analytic.items() if not quantity.half_width}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexdesign.report.document import Table
 from flexdesign.report.validation import port_section
-from flexdesign.report.wording import MODELS, NAMES, formatted, name_of
+from flexdesign.report.wording import MODELS, NAMES, format_quantity, name_of
 from flexdesign.workflows.validation import Validation
 
 
@@ -23,7 +23,7 @@ def table(validation: Validation) -> Table:
     if not validation.comparisons:
         return port_section.table_1(validation)
     for comparison in validation.comparisons:
-        row = [name_of(comparison.fem), comparison.fem.boundary, formatted(comparison.fem)]
+        row = [name_of(comparison.fem), comparison.fem.boundary, format_quantity(comparison.fem)]
         for model in models:
             analytic, error = comparison.analytic.get(model), comparison.error(model)
             row += [analytic.formatted() if analytic else "–", f"{100 * error:+.1f} %" if error is not None else "–"]

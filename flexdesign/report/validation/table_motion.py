@@ -30,7 +30,7 @@ def _six_degrees(validation: Validation) -> list[Table]:
         if found:
             drive = found[0].boundary.partition(",")[0]
             names = {f"{point}_{component}": sign for component, sign in SIGNS.items()}
-            tables.append(_by_place(found, names, f"{_point_in_words(validation, point)}, {drive}"))
+            tables.append(_by_place(found, names, f"{_point_text(validation, point)}, {drive}"))
     return tables
 
 
@@ -52,7 +52,7 @@ def _place(quantity: Quantity) -> str:
     return quantity.boundary.rpartition(", ")[2]
 
 
-def _point_in_words(validation: Validation, point: str) -> str:
+def _point_text(validation: Validation, point: str) -> str:
     if point == "table":
         return "The table, at the middle of the output's face"
     sensor = validation.study.output.sensor or (0.0, 0.0, 0.0)

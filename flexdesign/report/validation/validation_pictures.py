@@ -166,7 +166,7 @@ def hinge_maximum(solution: Solution) -> tuple[tuple[float, float, float], float
     return (x, y, z), float(solution.von_mises[node]), nearest
 
 
-def shown_modes(validation: Validation) -> list[ModeRecord]:
+def animated_modes(validation: Validation) -> list[ModeRecord]:
     """Return the modes whose shapes are kept, by frequency: with the actuator, where there is one."""
     installed = validation.study.design.actuator is not None
     return [mode for mode in validation.modal.solution.modes if mode.installed == installed]
@@ -176,12 +176,12 @@ def carrying_output(validation: Validation) -> ModeRecord:
     """Return the mode that carries most of the output's compliance."""
     actuator, compliance = validation.study.design.actuator, validation.modal.solution.compliance
     spring = actuator.installed_stiffness if actuator else 0.0
-    return max(shown_modes(validation), key=lambda mode: quantities.output_share(mode, compliance, spring))
+    return max(animated_modes(validation), key=lambda mode: quantities.output_share(mode, compliance, spring))
 
 
 def drawn_modes(validation: Validation) -> list[tuple[ModeRecord, FloatArray]]:
     """Return the lowest modes and their shapes, and among them or behind them the one that carries the output."""
-    modes = zip(shown_modes(validation), validation.modal.solution.mode_shapes, strict=True)
+    modes = zip(animated_modes(validation), validation.modal.solution.mode_shapes, strict=True)
     main = carrying_output(validation)
     return [(mode, shape) for rank, (mode, shape) in enumerate(modes) if rank < DRAWN_MODES or mode is main]
 

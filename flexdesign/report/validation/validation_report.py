@@ -11,12 +11,12 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.design.part import states
-from flexdesign.dynamics.experiments.simulation import handed_over
+from flexdesign.dynamics.experiments.simulation import stage_model_cautions
 from flexdesign.fem import quantities
 from flexdesign.fem.solving.statics import PortCompliance
 from flexdesign.report import accuracy_text, charts, strength_text
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.pictures import drawn_or_said
+from flexdesign.report.pictures import draw_or_explain
 from flexdesign.report.validation import (
     card,
     cross_check_text,
@@ -29,7 +29,7 @@ from flexdesign.report.validation import (
     validation_pictures,
     vibrations,
 )
-from flexdesign.report.wording import flat, formatted, name_of
+from flexdesign.report.wording import flat, format_quantity, name_of
 from flexdesign.workflows.validation import Validation, provenance
 
 Progress = Callable[[str], None]
@@ -50,7 +50,7 @@ def result(validation: Validation) -> dict[str, Any]:
     return {
         **header("validation"),
         "headline": card.quantities(validation),
-        "warnings": [*card.warnings(validation), *_missed(validation)],
+        "warnings": [*card.warnings(validation), *_accuracy(validation)],
         "quantities": [
             c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}
             for c in validation.comparisons
@@ -110,7 +110,7 @@ def document(validation: Validation, progress: Progress = lambda _: None) -> Doc
 
 def _sections(validation: Validation, progress: Progress) -> list[Section]:
     progress("drawing")
-    still, vibrating, missing = drawn_or_said(lambda: validation_pictures.draw(validation), progress)
+    still, vibrating, missing = draw_or_explain(lambda: validation_pictures.draw(validation), progress)
     sections = [
         *_fem_alone(validation),
         port_section.section(validation),
@@ -145,11 +145,12 @@ def _summary(validation: Validation) -> list[str]:
     if not validation.has_input:
         return port_section.summary(validation)
     k_in, ratio = validation.fem("K_in_output_free"), validation.fem("lambda_output_free")
-    text = f"FEM gives an input stiffness of {formatted(k_in)} and an amplification of {formatted(ratio)}, output free"
+    text = f"FEM gives an input stiffness of {format_quantity(k_in)} and an amplification of {format_quantity(ratio)}"
+    text += ", output free"
     if design.actuator:
         text += f"; with the actuator ({design.actuator.name}) in place the output travels "
-        text += card.stroke_in_words(validation)
-    paragraphs = [f"{text}.", *_missed(validation), explanation.why(validation, "K_in_output_free", first=True)]
+        text += card.stroke_text(validation)
+    paragraphs = [f"{text}.", *_accuracy(validation), explanation.why(validation, "K_in_output_free", first=True)]
     if ratio.value < 0:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
     if validation.cross_check is not None:
@@ -158,11 +159,11 @@ def _summary(validation: Validation) -> list[str]:
         paragraphs.append(independent_text.verdict(validation.independent))
     if design.provenance:
         paragraphs.append(f"Note on this design: {design.provenance}.")
-    paragraphs += handed_over(validation.stage_model)
+    paragraphs += stage_model_cautions(validation.stage_model)
     return [paragraph for paragraph in paragraphs if paragraph]
 
 
-def _missed(validation: Validation) -> list[str]:
+def _accuracy(validation: Validation) -> list[str]:
     """Say that the accuracy that was asked for is not reached."""
     sentences = accuracy_text.not_reached(validation.study.mesh.accuracy, validation.found)
     return [sentences] if sentences else []
@@ -174,7 +175,9 @@ def _actuator(validation: Validation) -> Section:
         return Section("With the actuator")
     keys = ("stroke", "blocked_force", "actuator_force", "preload_shift", "output_force_that_unloads_the_stack")
     found = [q for q in validation.further if q.name in keys and "large" not in q.boundary]
-    rows = [[f"{name_of(q)}, linear" if q.name == "stroke" else name_of(q), q.boundary, formatted(q)] for q in found]
+    rows = [
+        [f"{name_of(q)}, linear" if q.name == "stroke" else name_of(q), q.boundary, format_quantity(q)] for q in found
+    ]
     stroke, blocked = validation.fem("stroke_output_free"), validation.fem("blocked_force_output_held")
     stiffness, holding = validation.fem("K_out_actuator_installed").value, -blocked.value
     curves = [("full voltage", [0.0, holding], [stroke.value * 1e6, 0.0])]
@@ -228,7 +231,7 @@ def _large(validation: Validation) -> Section:
     columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
     drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
     figure = Figure("over_the_stroke.svg", drawing, "Tangents over the stroke against those at rest")
-    limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, formatted(q)] for q in selected])
+    limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, format_quantity(q)] for q in selected])
     return Section("Over the stroke", [text], [limits, Table(columns, rows)], [figure])
 
 
@@ -236,7 +239,7 @@ def _stress(validation: Validation) -> Section:
     if not validation.has_input:
         return port_section.strength(validation)
     names = ("hinge_stress", "peak_stress", "peak_tension", "safety_against_yield", "safety_against_fatigue")
-    rows = [[name_of(q), q.boundary, _judged(q)] for q in validation.further if q.name in names]
+    rows = [[name_of(q), q.boundary, _strength_text(q)] for q in validation.further if q.name in names]
     text = [
         *strength_text.strengths(validation.study.design.material),
         "The nominal hinge stress is N/A + M t/2I from the section forces that FEM's stresses add up to.",
@@ -252,10 +255,10 @@ def _stress(validation: Validation) -> Section:
     return Section("Stress and strain energy", text, tables)
 
 
-def _judged(quantity: Quantity) -> str:
+def _strength_text(quantity: Quantity) -> str:
     """Write a stress or a margin; a number that belongs to the mesh alone as such."""
     verdict = ", singular: grows with refinement, use a fillet" if "singular" in quantity.source else ""
-    return f"{formatted(quantity)}{verdict}"
+    return f"{format_quantity(quantity)}{verdict}"
 
 
 def _loose(validation: Validation) -> str:

@@ -11,7 +11,7 @@ from flexdesign.core.serialise import with_unit
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.wording import formatted, name_of
+from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
 
 #: Number of modes listed, without the actuator and with it.
@@ -38,7 +38,7 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
             "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
         )
     extrapolated = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
-    limits = [[name_of(q), q.boundary, formatted(q)] for q in extrapolated if q.name in LIMITS]
+    limits = [[name_of(q), q.boundary, format_quantity(q)] for q in extrapolated if q.name in LIMITS]
     heads = ["frequency", "actuator", "symmetry", "share of 1/K_out", "share of static stroke"]
     tables = [
         Table(["quantity", "boundary", "FEM"], limits),

@@ -52,7 +52,7 @@ def model_of(design: Design) -> StaticModel | None:
         return None
 
 
-def neglected(model: StaticModel, number: PublishedNumber) -> dict[str, float]:
+def neglected_effects(model: StaticModel, number: PublishedNumber) -> dict[str, float]:
     """Return by how much each effect that a formula states to neglect changes our number, relative, and all of them.
 
     Parameters

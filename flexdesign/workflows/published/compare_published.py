@@ -13,7 +13,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.result_cache import Cache
 from flexdesign.workflows import validation
-from flexdesign.workflows.published.closing import Closing, closing, model_of, neglected
+from flexdesign.workflows.published.closing import Closing, closing, model_of, neglected_effects
 from flexdesign.workflows.published.folder import PublishedFolder, PublishedNumber, read
 from flexdesign.workflows.validation import Validation, validate_stage
 from flexdesign.workflows.validation.validate_stage import StageValidation
@@ -41,7 +41,7 @@ class Compared:
     closing
         The effects that close the gap, where there is one.
     neglected
-        Where none do: what the effects that a formula neglects change in the compliance model, see `neglected`.
+        Where none do: what the effects that a formula neglects change in the compliance model, see `neglected_effects`.
     """
 
     number: PublishedNumber
@@ -135,11 +135,11 @@ def run(folders: Sequence[Path], cache: Cache, progress: Progress = lambda _: No
     """
     began = perf_counter()
     read_first = [read(folder) for folder in folders]
-    found = [_solved(each, cache, lambda text, each=each: progress(f"{each.name}: {text}")) for each in read_first]  # type: ignore[misc]
+    found = [_solve(each, cache, lambda text, each=each: progress(f"{each.name}: {text}")) for each in read_first]  # type: ignore[misc]
     return PublishedMechanisms(tuple(found), perf_counter() - began)
 
 
-def _solved(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechanism:
+def _solve(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechanism:
     solve = validate_stage.validate_stage if folder.study.design.is_stage else validation.validate
     mesh = folder.study.mesh.model_copy(update={"independent": False})  # the page has no place for that check
     found = solve(replace(folder.study, mesh=mesh), cache, progress)
@@ -159,6 +159,6 @@ def _solved(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechan
         stated = number.kind == "formula" or number.neglects  # a simulation or a part leaves no elasticity out
         if differs and stated and model is not None and math.isfinite(row.gap):
             found_by = closing(model, number, 1 + row.gap, row.allowed)
-            row = replace(row, closing=found_by, neglected={} if found_by else neglected(model, number))
+            row = replace(row, closing=found_by, neglected={} if found_by else neglected_effects(model, number))
         rows.append(row)
     return Mechanism(folder, found, tuple(rows))

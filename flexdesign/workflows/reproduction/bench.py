@@ -18,8 +18,8 @@ from flexdesign.dynamics.control.plants_from_gains import plants_for_delays
 from flexdesign.dynamics.control.ziegler_nichols import rule, ultimate
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
 from flexdesign.measurements.recordings import Run
-from flexdesign.workflows.reproduction.items import Item, Verdict, compare, contradiction, unprinted
-from flexdesign.workflows.reproduction.statics import motion_known
+from flexdesign.workflows.reproduction.items import Item, Verdict, compare, contradiction, row_without_number
+from flexdesign.workflows.reproduction.statics import motion_uncertainty
 
 FIG_7, FIG_9, FIG_13 = "section 4.2, Fig 7", "section 4.2, Figs 9 to 11", "section 4.3.2, Fig 13"
 FIG_14, FIG_16 = "section 4.3.2, Figs 14 and 15", "section 4.3.2, Figs 16 and 17"
@@ -33,8 +33,8 @@ AXES = (("x", "xy", "X/Y"), ("z", "z", "Z"))
 def items(paper: Publication, found: Simulation) -> Iterator[Item]:
     """Yield every row of the experiments."""
     yield from _hysteresis(paper, found)
-    yield from _identified(paper, found)
-    yield from _coupled(paper, found)
+    yield from _identification(paper, found)
+    yield from _cross_coupling(paper, found)
     yield from _tuning(paper)
     yield from _steps(paper, found)
     yield from _square(paper, found)
@@ -96,7 +96,7 @@ def straightness(one: Case, axis: str, low: float, high: float) -> tuple[float, 
     return found[0], found[1]
 
 
-def _identified(paper: Publication, found: Simulation) -> Iterator[Item]:
+def _identification(paper: Publication, found: Simulation) -> Iterator[Item]:
     one, truth = case(found, "P8 X"), found.model.axes["x"]
     numbers = truth.effects["bouc_wen"]
     every = max(1, round(1 / (found.model.controller.rate * one.response.time[1])))
@@ -111,24 +111,24 @@ def _identified(paper: Publication, found: Simulation) -> Iterator[Item]:
     after = result.model.axes["x"].effects["bouc_wen"]
     text = f"a {1e6 * after['a']:.3f} um/V, b {after['b']:.4f} 1/V, c {after['c']:.5f} 1/V"
     true = f"a {1e6 * numbers['a']:.3f}, b {numbers['b']:.4f}, c {numbers['c']:.5f}"
-    yield unprinted(
+    yield row_without_number(
         "P10", "a, b, c by least squares, from the recording of Fig 7 as simulated", "section 4.2, Fig 8", text,
         f"the recording was made with {true}; the fit began {100 * (UNKNOWN - 1):.0f} % off in a and b",
     )  # fmt: skip
     alone, forward = (
         measure(case(found, "P10", name, LIGHT), "x", "loop_width") for name in ("open loop", "feedforward")
     )
-    yield unprinted(
+    yield row_without_number(
         "P10", "loop width, open loop and under the inverse", "section 4.2, Fig 8",
         f"{alone.formatted(3)} and {forward.formatted(3)}", "“compensated greatly”",
     )  # fmt: skip
 
 
-def _coupled(paper: Publication, found: Simulation) -> Iterator[Item]:
+def _cross_coupling(paper: Publication, found: Simulation) -> Iterator[Item]:
     for name, driven, to in (("P11 X", "x", "y"), ("P11 X", "x", "z"), ("P11 Z", "z", "x")):
         number, aside, along = (paper(FIG_9, each) for each in (f"coupling_{to}_{driven}", f"moved_{to}_{driven}",
                                                                f"travel_{driven}"))  # fmt: skip
-        known = motion_known(paper, aside.value("m")) / along.value("m")
+        known = motion_uncertainty(paper, aside.value("m")) / along.value("m")
         ours = measure(case(found, name), to, "coupling")
         turned = math.degrees(math.atan(number.value("1") - ours.value))
         why = f"(25) is all that couples here; a sensor {turned:.1f}° off its axis reads as much as is printed"
@@ -230,7 +230,7 @@ def _square(paper: Publication, found: Simulation) -> Iterator[Item]:
     )  # fmt: skip
 
 
-def _implied(system: str, label: str, error: Printed, share: Printed, travel: Printed) -> Item:
+def _implied_range(system: str, label: str, error: Printed, share: Printed, travel: Printed) -> Item:
     """Return the range that an error and its share of it imply, for the motion that is printed."""
     span = error.value("m") / share.value("1")
     numbers = [(error, "m"), (share, "1"), (travel, "m")]
@@ -251,7 +251,7 @@ def _sine(paper: Publication, found: Simulation) -> Iterator[Item]:
             "reference to motion",
             ((error.place, error.name), (FIG_16, "input"), (FIG_16, "frequency")),
         )  # fmt: skip
-        yield _implied("P18", label, error, share, paper(FIG_9, f"travel_{axis}"))
+        yield _implied_range("P18", label, error, share, paper(FIG_9, f"travel_{axis}"))
 
 
 def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
@@ -265,7 +265,7 @@ def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
         ((FIG_18, "error"), (FIG_18, "velocity"), *((paper("section 4.1", n).place, n) for n in (
             "sensor_range", "sensor_resolution", "sensor_linearity"))),
     )  # fmt: skip
-    yield _implied("P19", "the line", error, share, end)
+    yield _implied_range("P19", "the line", error, share, end)
     error, share, end = (paper(FIG_19, name) for name in ("error", "relative", "end"))
     worst = {
         variant: {
@@ -279,9 +279,9 @@ def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
         f"feedback and {worst['coupled as measured']['feedforward + printed'].formatted(3)} with it: feedback on the "
         "axes would have taken away what Fig 19 blames on coupling, unless what couples is the sensor"
     )
-    known = motion_known(paper, error.value("m"))
+    known = motion_uncertainty(paper, error.value("m"))
     yield compare(
         "P20", "largest distance from the line in space", error, worst["as modelled"]["feedforward + printed"],
         known=known, why=why,
     )  # fmt: skip
-    yield _implied("P20", "the line", error, share, end)
+    yield _implied_range("P20", "the line", error, share, end)

@@ -86,7 +86,7 @@ def compare(
     uses = tuple((each.place, each.name) for each in (theirs, *also))
     text = theirs.text
     if known and ours:
-        text += f" ± {units.to_text(known, as_printed(ours, theirs).unit, 2, si=ours.si)}"
+        text += f" ± {units.to_text(known, in_unit_of(ours, theirs).unit, 2, si=ours.si)}"
     if ours is None:
         return Item(system, what, theirs.place, text, "–", "not printed", why, uses)
     allowed = theirs.half_digit(ours.si) + known + (ours.half_width or 0.0)
@@ -102,10 +102,10 @@ def compare(
         verdict, why = "cannot be both", f"off by {relative}: {why}"
     else:
         verdict, why = "differs", f"off by {relative}"
-    return Item(system, what, theirs.place, text, as_printed(ours, theirs).formatted(), verdict, why, uses)
+    return Item(system, what, theirs.place, text, in_unit_of(ours, theirs).formatted(), verdict, why, uses)
 
 
-def as_printed(ours: Quantity, theirs: Printed) -> Quantity:
+def in_unit_of(ours: Quantity, theirs: Printed) -> Quantity:
     """Return a quantity that is written in the unit of a printed number."""
     return replace(ours, unit=theirs.unit or ours.unit)
 
@@ -137,6 +137,8 @@ def contradiction(
     return Item(system, what, places, first, second, verdict, "to the digits printed" if agrees else why, uses)
 
 
-def unprinted(system: str, what: str, place: str, ours: str, why: str = "", uses: Sequence[Printed] = ()) -> Item:
+def row_without_number(
+    system: str, what: str, place: str, ours: str, why: str = "", uses: Sequence[Printed] = ()
+) -> Item:
     """Return a row without a printed number that ours could be compared with."""
     return Item(system, what, place, "–", ours, "not printed", why, tuple((n.place, n.name) for n in uses))

@@ -10,7 +10,7 @@ from flexdesign.analytic.lagrange import static_gain
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.printed_numbers import Publication
-from flexdesign.workflows.reproduction.items import Item, as_printed, compare, contradiction, unprinted
+from flexdesign.workflows.reproduction.items import Item, compare, contradiction, in_unit_of, row_without_number
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 MODEL, FEA = "Table 1, model", "Table 1, FEA"
@@ -50,12 +50,14 @@ def _amplifier(paper: Publication, found: StageValidation) -> Iterator[Item]:
         "P1", "2 K_b = K_out in Z, K_b = 2 K_r / l_x² by (5)", paper(MODEL, "K_out_z"),
         replace(by_name["K_out_input_free"], value=2 * by_name["K_out_input_free"].value), built=SIZED,
     )  # fmt: skip
-    yield unprinted("P2", "bending of the input rods", "eqs (10) to (15)", "flexdesign validate lin2019_amplifier_xy")
+    yield row_without_number(
+        "P2", "bending of the input rods", "eqs (10) to (15)", "flexdesign validate lin2019_amplifier_xy"
+    )
     yield compare(
         "P3", "λ of X/Y by (17)", paper("eq (31)", "gain_xy"), formula(found, "lambda_x_table_free"), built=SIZED
     )
-    yield unprinted("P4", "M_b of (18), (19)", "eq (19)", by_name["output_mass_input_free"].formatted())
-    yield unprinted(
+    yield row_without_number("P4", "M_b of (18), (19)", "eq (19)", by_name["output_mass_input_free"].formatted())
+    yield row_without_number(
         "P7", "eight printed numbers against eight unknowns", "Table 1; eq (31)",
         "K_out, K_in, coupling and gain of two axes; K_r, l_x, two l_y, two rod compliances, L_1, L_2",
         "that a geometry meets them proves nothing: it is one realisation of many",
@@ -114,7 +116,7 @@ def _masses(paper: Publication, found: StageValidation) -> Iterator[Item]:
             "m = K t1 t2; the paper prints the size of no body, and M_s and M_p of ours are choices",
             tuple((n.place, n.name) for n in (t1, t2, k)),
         )  # fmt: skip
-    yield unprinted(
+    yield row_without_number(
         "P5", "M_x less M_z by (21), 2 M_b - 2 M_p", "eq (21)", f"(31): {1e3 * (masses['x'] - masses['z']):.3g} g",
         "an amplifier's M_b is larger than a guide's M_p by half of this, if (31) holds",
     )  # fmt: skip
@@ -169,28 +171,30 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
         fea = paper(FEA, f"coupling_{to}_x")
         yield compare("P6", f"{what}, FEA row", fea, fem)
         off = printed.value("1") / fea.value("1") - 1
-        yield unprinted(
+        yield row_without_number(
             "P6", f"{what}, error of Table 1", "Table 1, error", f"{100 * off:.0f} %", "a dash is printed there",
             [printed, fea],
         )  # fmt: skip
     stack, k_in = paper("section 4.1", "actuator_stiffness"), found.fem("K_in_x_table_free")
     yield Item(
         "P7", "K_in below the stiffness of the actuator", "section 3; section 4.1", f"less than {stack.text}",
-        as_printed(k_in, stack).formatted(), "agrees" if k_in.value < stack.value("N/m") else "differs", "",
+        in_unit_of(k_in, stack).formatted(), "agrees" if k_in.value < stack.value("N/m") else "differs", "",
         ((stack.place, stack.name),),
     )  # fmt: skip
     z = paper("Figs 4 and 5", "input_z")
-    yield unprinted("P7", "input in Z of Fig 5", z.place, units.to_text(found.inputs["z"], "um", si="m"), "", [z])
+    yield row_without_number(
+        "P7", "input in Z of Fig 5", z.place, units.to_text(found.inputs["z"], "um", si="m"), "", [z]
+    )
     fig9 = "section 4.2, Figs 9 to 11"
     for axis in "xz":
         travel = paper(fig9, f"travel_{axis}")
-        known = motion_known(paper, travel.value("m"))
+        known = motion_uncertainty(paper, travel.value("m"))
         fem = found.fem(f"stroke_{axis}_table_free")
         yield compare("P11", f"travel of {_label(axis)} at 40 um, FEM", travel, fem, built=SIZED, known=known)
     for to, axis in ("yx", "zx", "xz"):
         aside, printed = (paper(fig9, f"{name}_{to}_{axis}") for name in ("moved", "coupling"))
         along = paper(fig9, f"travel_{axis}")
-        known = motion_known(paper, aside.value("m")) / along.value("m")
+        known = motion_uncertainty(paper, aside.value("m")) / along.value("m")
         fem = found.fem(f"coupling_{to}_{axis}_input_of_40_um")
         turned = math.degrees(math.atan(printed.value("1") - fem.value))
         why = (
@@ -201,7 +205,7 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
         yield compare("P11", what, printed, fem, known=known, why=why, also=(aside, along))
 
 
-def motion_known(paper: Publication, motion: float) -> float:
+def motion_uncertainty(paper: Publication, motion: float) -> float:
     """Return how well a measured motion is known [m]: the sensor's resolution, and the slope of its nonlinearity.
 
     A parabola through both ends of the range that is as high as the linearity has gradients up to 4 linearity / range.

@@ -94,7 +94,7 @@ count = 4
 
 def write_part(name: str) -> list[Path]:
     """Write a part and its design, ``NAME.py`` and ``NAME.toml``; return the files, raise as `write_files` does."""
-    path = _named(name)
+    path = _module_name(name)
     title = "".join(word.capitalize() for word in path.name.split("_"))
     files = {f"{path.name}.py": PART.format(name=title), f"{path.name}.toml": DESIGN.format(file=path.name)}
     return write_files(path.parent, files)
@@ -102,17 +102,17 @@ def write_part(name: str) -> list[Path]:
 
 def write_effect(name: str) -> list[Path]:
     """Write an effect of a moving stage, ``NAME.py``; return the file, raise as `write_files` does."""
-    path = _named(name)
+    path = _module_name(name)
     return write_files(path.parent, {f"{path.name}.py": EFFECT.format(file=path.name)})
 
 
 def write_study(name: str) -> list[Path]:
     """Write a study of a design, ``NAME.toml``; return the file, raise as `write_files` does."""
-    path = _named(name)
+    path = _module_name(name)
     return write_files(path.parent, {f"{path.name}.toml": STUDY})
 
 
-def _named(name: str) -> Path:
+def _module_name(name: str) -> Path:
     """Return a path without its ending, whose last part can be the name of a Python file."""
     path = Path(name)
     path = path.with_suffix("") if path.suffix in (".py", ".toml") else path

@@ -23,7 +23,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.design import design as designs
 from flexdesign.design.design import Design
 from flexdesign.design.study import MeshSettings
-from flexdesign.dynamics.stage_model import StageModel, changed
+from flexdesign.dynamics.stage_model import StageModel, with_overrides
 from flexdesign.fem.multifidelity import Correction, FastSolid, Planar
 from flexdesign.workflows.sweeps import fem_evaluators, simulating
 from flexdesign.workflows.sweeps.plan import SweepPlan, settings_of
@@ -157,7 +157,7 @@ def _solid(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any],
         return fem_evaluators.fast_solid(mesh, modes, [])
 
 
-def corrected(requests: Sequence[EvaluationRequest]) -> Correction:
+def learn_correction(requests: Sequence[EvaluationRequest]) -> Correction:
     """Return what the plane leaves out, from the designs of some questions.
 
     Raises
@@ -182,8 +182,8 @@ def by_formulas(design: Design, model: str) -> list[Quantity]:
     if model == MODELS["analytic"] and (design.is_stage or design.effects):
         found = _with_effects(design)
     else:
-        found = _counted(design) if design.is_stage else _of_part(design, model)
-    return found + _driven(found, design)
+        found = _formula_values(design) if design.is_stage else _of_part(design, model)
+    return found + _stroke_and_force(found, design)
 
 
 def _with_effects(design: Design) -> list[Quantity]:
@@ -201,7 +201,7 @@ def _with_effects(design: Design) -> list[Quantity]:
         raise InputError(design.file, "part", design.part_class.__name__, remedy) from error
 
 
-def _counted(design: Design) -> list[Quantity]:
+def _formula_values(design: Design) -> list[Quantity]:
     """Return what a stage's formulas say: as the paper counts its springs, and last as they are counted here."""
     stiffness = design.actuator.installed_stiffness if design.actuator else None
     *_, counted = design.stage().formulas(design.material, stiffness, None).values()
@@ -218,7 +218,7 @@ def _of_part(design: Design, model: str) -> list[Quantity]:
     return list(formulas[model])
 
 
-def _driven(found: Sequence[Quantity], design: Design) -> list[Quantity]:
+def _stroke_and_force(found: Sequence[Quantity], design: Design) -> list[Quantity]:
     """Return stroke and blocked force where a model does not, along each axis of a stage, with its actuators installed.
 
     The actuator's free stroke d parts over its own stiffness k and K_in: the output moves by lambda d k / (k + K_in).
@@ -262,8 +262,8 @@ def by_simulation(request: EvaluationRequest, bench: Bench) -> list[Quantity]:
         )
     else:
         stage, found = simulating.read(bench.model), []
-    changed_stage = changed(stage, simulating.of_stage(request.overrides))
-    return [*found, *simulating.measured(changed_stage, bench, request.overrides)]
+    changed_stage = with_overrides(stage, simulating.of_stage(request.overrides))
+    return [*found, *simulating.simulate_measures(changed_stage, bench, request.overrides)]
 
 
 @lru_cache(maxsize=8)

@@ -21,7 +21,7 @@ from flexdesign.design.design import Design
 from flexdesign.design.design import read as read_design
 from flexdesign.fem import mesh_refinement
 from flexdesign.workflows.sweeps import pareto, simulating
-from flexdesign.workflows.sweeps.evaluators import DIRECT, EvaluationRequest, corrected
+from flexdesign.workflows.sweeps.evaluators import DIRECT, EvaluationRequest, learn_correction
 from flexdesign.workflows.sweeps.plan import SweepPlan, settings_of
 from flexdesign.workflows.sweeps.results import Results, key_of
 from flexdesign.workflows.sweeps.sampling import Case
@@ -122,13 +122,13 @@ def run(
     began = time.perf_counter()
     progress("looking up what is known")
     cases = plan.cases()
-    requests = asked(plan, cases)
+    requests = requests_of(plan, cases)
     store.refresh()
     todo = list({q.key: q for q in requests if q.key not in store}.values())
     if todo:
         if plan.evaluator == "planar":
             progress(f"solving {SAMPLES} designs in space, to correct the plane")
-            todo = _corrected(plan, todo)
+            todo = _learn_correction(plan, todo)
         size = max(1, min(BATCH[plan.evaluator], -(-len(todo) // (4 * jobs))))
         batches = [todo[i : i + size] for i in range(0, len(todo), size)]
         workers: Workers = Cluster(scheduler) if scheduler else Processes(jobs)
@@ -141,7 +141,7 @@ def run(
     return Sweep(plan, cases, found, len(todo), time.perf_counter() - began)
 
 
-def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[EvaluationRequest]:
+def requests_of(plan: SweepPlan, cases: Sequence[Case]) -> list[EvaluationRequest]:
     """Return the question of each case; its key holds all that the answer depends on, the code among it."""
     factors = {factor.key: factor for factor in plan.factors}
     file, mesh = plan.subject_file.resolve(), plan.mesh.model_dump()
@@ -166,11 +166,11 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[EvaluationRequest]:
     return made
 
 
-def _corrected(plan: SweepPlan, todo: Sequence[EvaluationRequest]) -> list[EvaluationRequest]:
+def _learn_correction(plan: SweepPlan, todo: Sequence[EvaluationRequest]) -> list[EvaluationRequest]:
     """Return questions with what the plane leaves out, learned from a sample of what varies."""
-    sample = asked(plan, list(sampled(plan.factors, "latin-hypercube", SAMPLES, plan.seed)))
+    sample = requests_of(plan, list(sampled(plan.factors, "latin-hypercube", SAMPLES, plan.seed)))
     with threadpool_limits(1):
-        correction = corrected(sample)
+        correction = learn_correction(sample)
     return [replace(request, correction=correction) for request in todo]
 
 

@@ -83,11 +83,11 @@ def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Qu
         If the solid or a mesh cannot be used.
     """
     if design.is_stage:
-        return _condensed(design, mesh)[0]
+        return _solve_stage(design, mesh)[0]
     axis = getattr(design.part(), "prismatic", None)
     if axis is not None and axis() is not None and mesh.method != "wild":
         return solid.evaluate(design)
-    return _meshed(design, mesh)[0]
+    return _solve_part(design, mesh)[0]
 
 
 def stage_model(design: Design, mesh: MeshSettings) -> tuple[StageModel, list[Quantity]]:
@@ -101,10 +101,10 @@ def stage_model(design: Design, mesh: MeshSettings) -> tuple[StageModel, list[Qu
         If the solid or a mesh cannot be used, or nothing drives the stage.
     """
     if design.is_stage:
-        found, finest = _condensed(design, mesh)
+        found, finest = _solve_stage(design, mesh)
         stage = stage_model_of(design, finest.stage, by_key(found), {})
     else:
-        found, levels = _meshed(design, mesh)
+        found, levels = _solve_part(design, mesh)
         with_modes = next(level.solution for level in reversed(levels) if level.solution.modes)
         stage = stage_model_from_part.stage_model(design, by_key(found), with_modes)
     if stage is None:
@@ -113,7 +113,7 @@ def stage_model(design: Design, mesh: MeshSettings) -> tuple[StageModel, list[Qu
     return stage, [quantity for quantity in found if quantity.name in mesh_refinement.ACCURACY_QUANTITIES]
 
 
-def further_quantities(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
+def strength_and_modes(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
     """Return stress, safety and frequency of a part or a stage, where they are known.
 
     Parameters
@@ -132,7 +132,7 @@ def further_quantities(design: Design, mesh: MeshSettings, found: Sequence[Quant
     """
     if not design.is_stage and not any(q.name == "hinge_stress" for q in found):
         coarse = {"accuracy": None, "levels": 2, "at_root": mesh.at_root or COARSE_AT_ROOT}
-        found = _meshed(design, mesh.model_copy(update=coarse))[0]
+        found = _solve_part(design, mesh.model_copy(update=coarse))[0]
     chosen = [q for q in found if q.name.startswith(REPORTED)]
     driven = {q.name for q in chosen if INSTALLED in q.boundary}  # without the actuator where there is none
     return [q for q in chosen if q.name not in driven or INSTALLED in q.boundary]
@@ -142,7 +142,7 @@ def _study(design: Design, mesh: MeshSettings) -> Study:
     return Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
 
 
-def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Level]]:
+def _solve_part(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Level]]:
     """Return what finite elements say of a part as a validation asks them, and on which meshes."""
     part, study = design.part(), _study(design, mesh)
     body = domain.of_part(part, material=design.material, chord=domain.chord(part))
@@ -151,7 +151,7 @@ def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Le
     return mesh_refinement.gather_quantities(study, levels, method.scatter), levels
 
 
-def _condensed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], stage_condensation.StageLevel]:
+def _solve_stage(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], stage_condensation.StageLevel]:
     """Return what finite elements say of a stage, on as many meshes as the accuracy takes, and the finest of these."""
     study = _study(design, mesh.model_copy(update={"accuracy": mesh.accuracy or ACCURACY}))
     levels = stage_condensation.refine(study, design.stage().assembly(), _InMemory(Path()))

@@ -22,10 +22,10 @@ from threadpoolctl import threadpool_limits
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.workflows.sweeps import evaluators
-from flexdesign.workflows.sweeps.fem_evaluators import by_elements, fast_solid, further_quantities
+from flexdesign.workflows.sweeps.fem_evaluators import by_elements, fast_solid, strength_and_modes
 from flexdesign.workflows.sweeps.pareto import Aim, Limit
 from flexdesign.workflows.sweeps.plan import SweepPlan
-from flexdesign.workflows.sweeps.results import as_named, key_of
+from flexdesign.workflows.sweeps.results import key_of, value_by_name
 from flexdesign.workflows.sweeps.sampling import Case, Factor, cases
 
 Array = NDArray[np.float64]
@@ -137,13 +137,13 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
             progress(f"round {number}: optimising the formulas")
             best, converged_searches = _search(plan, correction)
             formulas = _by_formulas(plan, best.values)
-            predicted = _corrected(formulas, correction)
+            predicted = _correct(formulas, correction)
             elements = None
             if check:
                 progress(f"round {number}: checking the optimum by finite elements")
                 elements = by_key(by_elements(evaluators.version_of(plan, Case(best.values)), plan.mesh, solid))
             rounds.append(Round(best.values, formulas, predicted, elements))
-            if elements is None or _is_settled(plan, predicted, elements):
+            if elements is None or _is_confirmed(plan, predicted, elements):
                 break
             correction = {key: elements[key].value / q.value for key, q in formulas.items() if key in elements}
     found_there = rounds[-1].formulas if elements is None else elements
@@ -153,7 +153,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
         progress("stress, safety and frequency of the optimum")
         with threadpool_limits(1):
             optimum = evaluators.version_of(plan, Case(best.values))
-            further = further_quantities(optimum, plan.mesh, list(elements.values()))
+            further = strength_and_modes(optimum, plan.mesh, list(elements.values()))
     return Optimum(plan, rounds, converged_searches, broken, further)
 
 
@@ -166,7 +166,7 @@ def _refuse_unknown(plan: SweepPlan) -> None:
             raise InputError(plan.file, place, quantity, f"is no quantity of the formulas{suggest(key, known)}")
 
 
-def _is_settled(plan: SweepPlan, predicted: Found, elements: Found) -> bool:
+def _is_confirmed(plan: SweepPlan, predicted: Found, elements: Found) -> bool:
     """Tell whether finite elements find what the corrected formulas promised, of aim and limits."""
     named = {key_of(plan.aims[0].quantity), *(key_of(limit.quantity) for limit in plan.limits)}
     pairs = [(predicted[key].value, elements[key].value) for key in named if key in predicted and key in elements]
@@ -194,7 +194,7 @@ def _search(plan: SweepPlan, correction: Mapping[str, float]) -> tuple[_Point, t
     """Return the best point of all choices, and how many searches ended there."""
     minima: list[_Point] = []
     for choice in _choices(plan.factors):
-        minima += _searched(plan, choice, correction)
+        minima += _search_choice(plan, choice, correction)
     if not minima:
         raise InputError(plan.file, "vary", None, "holds no design that can be built; move the ranges")
     best = min(minima, key=lambda point: point.rank)
@@ -209,7 +209,7 @@ def _choices(factors: Sequence[Factor]) -> Iterator[dict[str, float | str]]:
         yield dict(zip((factor.key for factor in lists), values, strict=True))
 
 
-def _searched(plan: SweepPlan, choice: Mapping[str, float | str], correction: Mapping[str, float]) -> list[_Point]:
+def _search_choice(plan: SweepPlan, choice: Mapping[str, float | str], correction: Mapping[str, float]) -> list[_Point]:
     """Return where searches end that begin at the best of a sample, for one combination of choices."""
     from scipy.optimize import minimize
 
@@ -221,7 +221,7 @@ def _searched(plan: SweepPlan, choice: Mapping[str, float | str], correction: Ma
 
     def found(x: Array) -> Found | None:
         try:
-            return _corrected(_by_formulas(plan, values(x)), correction)
+            return _correct(_by_formulas(plan, values(x)), correction)
         except (InputError, ArithmeticError, ValueError):
             return None
 
@@ -276,13 +276,13 @@ def _by_formulas(plan: SweepPlan, values: Mapping[str, float | str]) -> Found:
     return by_key(evaluators.by_formulas(evaluators.version_of(plan, Case(values)), model))
 
 
-def _corrected(found: Found, correction: Mapping[str, float]) -> Found:
+def _correct(found: Found, correction: Mapping[str, float]) -> Found:
     return {key: replace(q, value=q.value * correction.get(key, 1.0)) for key, q in found.items()}
 
 
 def _value(quantity: str, found: Found) -> float:
     there = found.get(key_of(quantity))
-    return math.nan if there is None else as_named(quantity, there.value)
+    return math.nan if there is None else value_by_name(quantity, there.value)
 
 
 def _cost(aim: Aim, found: Found) -> float:

@@ -120,7 +120,7 @@ def pareto_front(results: Results, places: Places, aims: Sequence[Aim]) -> Place
     return places[found]
 
 
-def ranked(results: Results, places: Places, aim: Aim) -> Places:
+def rank(results: Results, places: Places, aim: Aim) -> Places:
     """Return the places of designs, the best in one aim first; those without the quantity are left out."""
     costs = aim.costs(results)[places]
     order = np.argsort(costs, kind="stable")

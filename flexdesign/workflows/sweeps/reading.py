@@ -208,8 +208,8 @@ def _factor(key: str, given: object, subject: Design | StageModel, known: Sequen
     si, unit = (parameter.si, parameter.unit or "1") if parameter else ("", "")
     try:
         if isinstance(given, list):
-            return _listed(key, given, si, unit)
-        return _ranged(key, toml_files.check(_Range, given if isinstance(given, dict) else {}, path), si, unit)
+            return _list_of_values(key, given, si, unit)
+        return _range_of_values(key, toml_files.check(_Range, given if isinstance(given, dict) else {}, path), si, unit)
     except ValueError as error:
         raise InputError(path, place, None, str(error)) from None
     except InputError as error:
@@ -249,7 +249,7 @@ def _dimension(key: str, design: Design, path: Path, place: str) -> Parameter | 
     return known[name]
 
 
-def _listed(key: str, given: Sequence[object], si: str, unit: str) -> Factor:
+def _list_of_values(key: str, given: Sequence[object], si: str, unit: str) -> Factor:
     if not given:
         raise ValueError("has no values; write some, or leave it out")
     if si:
@@ -257,7 +257,7 @@ def _listed(key: str, given: Sequence[object], si: str, unit: str) -> Factor:
     return Factor(key, tuple(str(value) for value in given))
 
 
-def _ranged(key: str, given: _Range, si: str, unit: str) -> Factor:
+def _range_of_values(key: str, given: _Range, si: str, unit: str) -> Factor:
     if not si:  # some other number of a design: its unit is that of the range
         found = [_RANGE.fullmatch(str(end)) for end in (given.low, given.high)]
         if not all(found):

@@ -24,7 +24,7 @@ def key_of(name: str) -> str:
     return name.strip("|")
 
 
-def as_named(name: str, value: Number) -> Number:
+def value_by_name(name: str, value: Number) -> Number:
     """Return a value of a quantity, or its size where ``|key|`` names it."""
     return abs(value) if name.startswith("|") else value
 
@@ -73,7 +73,7 @@ class Results:
         return cls(kinds, values, sigmas, errors, seconds)
 
     @classmethod
-    def gathered(cls, parts: Iterable[tuple[Results, NDArray[np.intp], NDArray[np.intp]]], count: int) -> Results:
+    def concatenate(cls, parts: Iterable[tuple[Results, NDArray[np.intp], NDArray[np.intp]]], count: int) -> Results:
         """Return rows of several answers in one: each part with its rows, and where they go among `count` cases."""
         kinds: dict[str, Quantity] = {}
         values, sigmas = dict[str, Array](), dict[str, Array]()
@@ -96,7 +96,7 @@ class Results:
 
     def column(self, quantity: str) -> Array:
         """Return a quantity of all cases by key, or its size by ``|key|`` [SI]; NaN where there is none."""
-        return as_named(quantity, self.values.get(key_of(quantity), np.full(len(self), math.nan)))
+        return value_by_name(quantity, self.values.get(key_of(quantity), np.full(len(self), math.nan)))
 
     def unit(self, quantity: str) -> str:
         """Return the unit in which people read a quantity."""

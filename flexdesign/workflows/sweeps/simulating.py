@@ -93,7 +93,7 @@ def read(file: Path) -> StageModel:
     return stage_model.read(file)
 
 
-def measured(stage: StageModel, bench: Bench, overrides: Sequence[str]) -> list[Quantity]:
+def simulate_measures(stage: StageModel, bench: Bench, overrides: Sequence[str]) -> list[Quantity]:
     """Return what the experiments measure on a stage.
 
     Raises
@@ -104,7 +104,7 @@ def measured(stage: StageModel, bench: Bench, overrides: Sequence[str]) -> list[
         If no controller was found for any.
     """
     plan = bench.plan(stage, overrides)
-    variants = experiments.variants(plan, lambda changes: stage_model.changed(stage, changes))
+    variants = experiments.variants(plan, lambda changes: stage_model.with_overrides(stage, changes))
     found = simulation.run(stage, variants, plan, lambda _: None)
     if not found.cases:
         raise ValueError(found.skipped[0].reason)

@@ -64,7 +64,7 @@ class Store:
         where = np.array([self._where[key] for key in keys], dtype=np.intp).reshape(len(keys), 2)
         batches = np.unique(where[:, 0])
         parts = ((b, np.flatnonzero(where[:, 0] == b)) for b in batches)
-        return Results.gathered(((self._batches[b], where[at, 1], at) for b, at in parts), len(keys))
+        return Results.concatenate(((self._batches[b], where[at, 1], at) for b, at in parts), len(keys))
 
     def keep(self, keys: Sequence[str], results: Results) -> None:
         """Write the answers of a batch.

@@ -117,7 +117,7 @@ def run(
     progress
         Receives a text about the progress.
     """
-    chosen = _answered(study, method, body, levels)
+    chosen = _solve(study, method, body, levels)
     bodies = [body]
     if body.planes:
         bodies.append(domain.of_part(part, symmetric=False, chord=domain.chord(part)))
@@ -125,7 +125,7 @@ def run(
     for piece in bodies:
         for name in ("extruded", "wild") if piece.section is not None else ("wild",):
             if name != method.name or piece is not body:
-                others.append(_tried(_by(study, name, method.name), part, piece, cache, progress))
+                others.append(_try(_by(study, name, method.name), part, piece, cache, progress))
     return CrossCheck(chosen, tuple(others))
 
 
@@ -138,7 +138,7 @@ def _by(study: Study, method: str, chosen: str) -> Study:
     return replace(study, mesh=study.mesh.model_copy(update=changes), modes=modes)
 
 
-def _tried(study: Study, part: Part, body: Domain, cache: Cache, progress: Progress) -> Way:
+def _try(study: Study, part: Part, body: Domain, cache: Cache, progress: Progress) -> Way:
     """Solve in one way; a mesher or a memory that fails is an answer, too."""
     method = mesh_refinement.method_of(study, part, body)
     where = "symmetry domain" if body.planes else "whole part"
@@ -149,12 +149,12 @@ def _tried(study: Study, part: Part, body: Domain, cache: Cache, progress: Progr
         progress(f"cross-check, {method.name}, {where}: {text}")
 
     try:
-        return _answered(study, method, body, mesh_refinement.refine(study, part, body, method, cache, say, omit=omit))
+        return _solve(study, method, body, mesh_refinement.refine(study, part, body, method, cache, say, omit=omit))
     except InputError as error:
         return Way(method.name, _axes(body), {}, failure=error.remedy)
 
 
-def _answered(study: Study, method: Method, body: Domain, levels: Sequence[Level]) -> Way:
+def _solve(study: Study, method: Method, body: Domain, levels: Sequence[Level]) -> Way:
     gathered = by_key(mesh_refinement.gather_quantities(study, levels, method.scatter))
     return Way(
         method.name,

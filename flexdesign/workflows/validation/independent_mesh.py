@@ -119,7 +119,7 @@ def run(
     stored = cache.load("independent", key)
     if stored is None:
         try:
-            answer = _solved(part, study.design.material, body, mesh, say)
+            answer = _solve(part, study.design.material, body, mesh, say)
         except (MemoryError, InputError) as error:
             return IndependentCheck({}, chosen, seconds=perf_counter() - began, failure=str(error))
         answer["seconds"] = perf_counter() - began
@@ -130,24 +130,24 @@ def run(
         key: replace(
             chosen[key], value=value * corrected, half_width=abs(value) * error, source="FEM, one pytetwild mesh"
         )
-        for key, value, (corrected, error) in zip(KEYS, answer["values"], _freed(*answer["shares"]), strict=True)
+        for key, value, (corrected, error) in zip(KEYS, answer["values"], _extrapolate(*answer["shares"]), strict=True)
         if key in chosen
     }
     return IndependentCheck(found, chosen, int(answer["unknowns"]), float(answer["seconds"]))
 
 
-def _solved(part: Part, material: Material, body: Domain, mesh: TaggedMesh, say: Progress) -> dict[str, Any]:
+def _solve(part: Part, material: Material, body: Domain, mesh: TaggedMesh, say: Progress) -> dict[str, Any]:
     """Return stiffnesses and amplification of a mesh, and what recovery says of them."""
     found = analysis.solve(part, material, body, mesh, actuator=0.0, mode_count=0, all_classes=False, progress=say)
     c = found.compliance
     return {
         "values": [c.input_stiffness, c.amplification, c.output_stiffness(0.0)],
-        "shares": list(recovered(Elasticity(mesh, material), found.input_field, found.output_field)),
+        "shares": list(recovery_error(Elasticity(mesh, material), found.input_field, found.output_field)),
         "unknowns": found.facts["unknowns"],
     }
 
 
-def recovered(body: Elasticity, first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
+def recovery_error(body: Elasticity, first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
     """Return the energy between stresses averaged at the nodes and those of the elements, relative to the whole.
 
     Parameters
@@ -183,7 +183,7 @@ def recovered(body: Elasticity, first: FloatArray, second: FloatArray) -> tuple[
     return one, mixed, two
 
 
-def _freed(one: float, mixed: float, two: float) -> list[tuple[float, float]]:
+def _extrapolate(one: float, mixed: float, two: float) -> list[tuple[float, float]]:
     """Return for K_in, lambda and K_out the factor that frees the value of its error, and the relative error left.
 
     A compliance is too small by its share of energy; K_in and K_out are inverse compliances, lambda the mixed one over

@@ -21,7 +21,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.design.design import Design
 
 #: What is compared: of a part, and of each axis of a stage.
-JUDGED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
+COMPARED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
 OF_AXIS = ("K_in_{}_table_free", "lambda_{}_table_free", "K_out_{}_inputs_free")
 #: Axes are as each other if their quantities differ by less than this, relative.
 SAME_AXIS = 1e-6
@@ -54,7 +54,7 @@ class ErrorStep:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class ModelHierarchy:
     """Every rung, and what tolerances do to the quantities.
 
     Parameters
@@ -69,22 +69,22 @@ class Ladder:
     tolerances: Mapping[str, float]
 
 
-def model_hierarchy(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
+def model_hierarchy(design: Design, fem: Mapping[str, Quantity]) -> ModelHierarchy | None:
     """Return the model hierarchy of a design compared with FEM; None where it is no frame, or has no formula."""
     try:
         model = of_design(design, bare=True)
     except InputError:
         return None
-    keys = _judged_keys(design, fem)
+    keys = _compared_keys(design, fem)
     known = {key: fem[key].value for key in keys if key in fem and fem[key].value}
     if not known:
         return None
     effects = nominal_effects(design)
     left = list(effects)
     there: dict[str, Mapping[str, float]] = {}
-    rungs = [_rung("", model, known, there)]
+    rungs = [_model_step("", model, known, there)]
     while left:
-        trials = [_rung(name, model, known, {**there, name: effects[name]}) for name in left]
+        trials = [_model_step(name, model, known, {**there, name: effects[name]}) for name in left]
         best = min(trials, key=lambda step_of_ladder: step_of_ladder.size)
         there[best.effect] = effects[best.effect]
         left.remove(best.effect)
@@ -93,13 +93,13 @@ def model_hierarchy(design: Design, fem: Mapping[str, Quantity]) -> Ladder | Non
     if design.is_stage:
         axes = {fem[key].boundary.partition(", ")[0] for key in keys}
         fem = {key: quantity for key, quantity in fem.items() if quantity.boundary.partition(", ")[0] in axes}
-    return Ladder(rungs, _tolerances(of_design(design), fem))
+    return ModelHierarchy(rungs, _tolerances(of_design(design), fem))
 
 
-def _judged_keys(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
+def _compared_keys(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
     """Return the keys of what is compared."""
     if not design.is_stage:
-        return list(JUDGED)
+        return list(COMPARED)
     distinct: list[list[str]] = []
     for axis in design.stage().assembly().axes:
         keys = [key.format(axis) for key in OF_AXIS if key.format(axis) in fem]
@@ -111,7 +111,7 @@ def _judged_keys(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
     return [key for keys in distinct for key in keys]
 
 
-def _rung(
+def _model_step(
     name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
 ) -> ErrorStep:
     try:

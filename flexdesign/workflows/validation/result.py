@@ -17,7 +17,7 @@ from flexdesign.fem.meshing.methods import Method
 from flexdesign.fem.post_processing import stress
 from flexdesign.workflows.validation.cross_check import CrossCheck
 from flexdesign.workflows.validation.independent_mesh import IndependentCheck
-from flexdesign.workflows.validation.model_hierarchy import Ladder
+from flexdesign.workflows.validation.model_hierarchy import ModelHierarchy
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Validation:
     shares: Mapping[str, Mapping[str, float]]
     formula_shares: Mapping[str, Mapping[str, float]]
     large: LargeStroke | None
-    hierarchy: Ladder | None
+    hierarchy: ModelHierarchy | None
     cross_check: CrossCheck | None
     independent: IndependentCheck | None
     stage_model: StageModel | None

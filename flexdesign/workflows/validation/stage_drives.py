@@ -17,7 +17,7 @@ from flexdesign.fem.cross_axis_coupling import CrossMotion
 from flexdesign.fem.stage_condensation import StageLevel
 from flexdesign.fem.superelements import corotated, second_order
 from flexdesign.fem.superelements.corotated import CorotatedStage, NoEquilibrium, State
-from flexdesign.workflows.validation.stage_published import stated
+from flexdesign.workflows.validation.stage_published import input_motion
 
 Progress = Callable[[str], None]
 
@@ -56,17 +56,17 @@ class Driven:
         if not self.study.output.large_steps:
             return [], []
         actuator = self.study.design.actuator
-        near = {axis: stated(self.study, axis) for axis in self.level.stage.assembly.axes}
+        near = {axis: input_motion(self.study, axis) for axis in self.level.stage.assembly.axes}
         free = actuator.free_stroke if actuator and full else None
         far = {axis: free for axis, extension in near.items() if free is not None and extension != free}
         drives = [*near.items(), *far.items()]
         found = list[CrossMotion]()
         for number, (axis, extension) in enumerate(drives, 1):
             left = f", {self._each * (len(drives) - number + 1):.0f} s left" if self._each else ""
-            found.append(self._driven(axis, extension, f"drive {number} of {len(drives)}{left}"))
+            found.append(self._driven_motion(axis, extension, f"drive {number} of {len(drives)}{left}"))
         return found[: len(near)], found[len(near) :]
 
-    def _driven(self, axis: str, extension: float, words: str) -> CrossMotion:
+    def _driven_motion(self, axis: str, extension: float, words: str) -> CrossMotion:
         level = self.level
         key = content_key(
             _code(), [kind.key for kind in level.kinds], self.study.design.material.mechanics,

@@ -44,7 +44,7 @@ def stage_model(
     stiffness, frequency = found["K_out_actuator_installed"], found["drive_frequency_actuator_installed"]
     stroke, k_in, ratio = found["stroke_output_free"], found["K_in_output_free"], found["lambda_output_free"]
     voltage = actuator.voltage_range
-    share, modes = _main_and_further(solution, actuator.installed_stiffness)
+    share, modes = _two_largest_modes(solution, actuator.installed_stiffness)
     known = {"stiffness": stiffness, "gain": stroke, "input_stiffness": k_in, "amplification": ratio}
     relative = {name: (q.half_width or 0.0) / abs(q.value) for name, q in known.items()}
     relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.half_width or 0.0) / frequency.value)
@@ -104,7 +104,7 @@ def with_hysteresis(axis: AxisModel, actuator: Actuator, stroke: float) -> AxisM
     )
 
 
-def _main_and_further(solution: Solution, actuator: float) -> tuple[float, tuple[StageMode, ...]]:
+def _two_largest_modes(solution: Solution, actuator: float) -> tuple[float, tuple[StageMode, ...]]:
     """Return the share of the main mode, and the next one if it counts: of the others the largest of either sign."""
     installed = [mode for mode in solution.modes if mode.installed]
     shares = [(drive_share(mode, solution.compliance, actuator), mode.frequency) for mode in installed]

@@ -17,7 +17,7 @@ from flexdesign.fem.quantities.stage import requested_quantities
 AT_INPUT = "_input_of_"
 
 
-def stated(study: Study, axis: str) -> float:
+def input_motion(study: Study, axis: str) -> float:
     """Return how far an axis' inputs part: as the study says, or half the free stroke."""
     actuator = study.design.actuator
     if axis in study.stage.inputs:
@@ -39,19 +39,19 @@ def read_published(study: Study, assembly: Assembly) -> dict[str, dict[str, Quan
     known = by_key(requested_quantities(assembly.axes, installed=actuator is not None))
     for axis in assembly.axes:
         others = [other for other in assembly.axes if other != axis]
-        for extension in [stated(study, axis), *([actuator.free_stroke] if actuator else [])]:
+        for extension in [input_motion(study, axis), *([actuator.free_stroke] if actuator else [])]:
             known |= by_key(cross_axis_coupling.requested_quantities(axis, extension, others))
     return {
         label: {
-            key: _published(study, label, key, text, known)
+            key: _read_number(study, label, key, text, known)
             for key, text in numbers.items()
-            if key in known or not _elsewhere(key, known)
+            if key in known or not _is_other_input(key, known)
         }
         for label, numbers in study.published.items()
     }
 
 
-def _published(study: Study, label: str, key: str, text: str, known: Mapping[str, Quantity]) -> Quantity:
+def _read_number(study: Study, label: str, key: str, text: str, known: Mapping[str, Quantity]) -> Quantity:
     """Read a number of others, such as "238 um" or "238 ± 15 um", by the quantity it is compared with."""
     place = f"published.{label}.{key}"
     if key not in known:
@@ -70,7 +70,7 @@ def _published(study: Study, label: str, key: str, text: str, known: Mapping[str
     return replace(quantity, value=value, half_width=sigma, source=label)
 
 
-def _elsewhere(key: str, known: Mapping[str, Quantity]) -> bool:
+def _is_other_input(key: str, known: Mapping[str, Quantity]) -> bool:
     """Tell whether a key is one of those that are known but for the input, at which nothing was computed."""
     name, mark, _ = key.partition(AT_INPUT)
     return bool(mark) and any(other.startswith(f"{name}{mark}") for other in known)

@@ -13,7 +13,7 @@ from flexdesign.fem.convergence import MeshNoise, extrapolate
 SAME_MESHES = MeshNoise(0.0)
 
 
-def changed(
+def variant_quantities(
     here: Sequence[Mapping[str, Quantity]],
     there: Sequence[Mapping[str, Quantity]],
     sizes: Sequence[float],

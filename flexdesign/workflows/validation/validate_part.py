@@ -139,7 +139,7 @@ def _formulas(design: Design, part: parts.Part, load: float | None) -> dict[str,
     given: object = part_models.formulas(part, design.material, stiffness, load)
 
     def refused(remedy: str) -> InputError:
-        return _refused(part, "formulas", remedy)
+        return _error(part, "formulas", remedy)
 
     try:
         is_valid = isinstance(given, Mapping) and all(_are_quantities(found) for found in given.values())
@@ -168,7 +168,7 @@ def _formula_shares(design: Design, part: parts.Part) -> Mapping[str, Mapping[st
     if isinstance(given, Mapping) and are_tables and all(isinstance(piece, (int, float)) for piece in pieces):
         return given
     example = "{'K_in_output_free': {'hinge bending': 5e-7}}"
-    raise _refused(part, "formula_shares", f"must return compliances [m/N] by quantity and piece: {example}, or {{}}")
+    raise _error(part, "formula_shares", f"must return compliances [m/N] by quantity and piece: {example}, or {{}}")
 
 
 def _examine_intermediates(design: Design, part: parts.Part) -> None:
@@ -177,10 +177,10 @@ def _examine_intermediates(design: Design, part: parts.Part) -> None:
         return
     given: object = part.intermediates(design.material, 1.0)
     if not isinstance(given, Mapping) or not _are_quantities(list(given.values())):
-        raise _refused(part, "intermediates", "must return quantities by name: {'M': Quantity(...)}, or {}")
+        raise _error(part, "intermediates", "must return quantities by name: {'M': Quantity(...)}, or {}")
 
 
-def _refused(part: parts.Part, method: str, remedy: str) -> InputError:
+def _error(part: parts.Part, method: str, remedy: str) -> InputError:
     return InputError(parts.file_of(type(part)), f"{type(part).__name__}.{method}()", None, remedy)
 
 

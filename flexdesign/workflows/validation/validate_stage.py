@@ -26,11 +26,11 @@ from flexdesign.fem.quantities.stage_shares import InputChain, Spring
 from flexdesign.fem.stage_condensation import StageLevel
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
 from flexdesign.workflows.validation import model_hierarchy, stage_drives
-from flexdesign.workflows.validation.model_hierarchy import Ladder
+from flexdesign.workflows.validation.model_hierarchy import ModelHierarchy
 from flexdesign.workflows.validation.result import Comparison
 from flexdesign.workflows.validation.stage_model_from_stage import stage_model_of
-from flexdesign.workflows.validation.stage_published import read_published, stated
-from flexdesign.workflows.validation.stage_variants import changed
+from flexdesign.workflows.validation.stage_published import input_motion, read_published
+from flexdesign.workflows.validation.stage_variants import variant_quantities
 
 Progress = Callable[[str], None]
 
@@ -87,7 +87,7 @@ class StageValidation:
     modes: tuple[Sequence[ModeShares], Sequence[ModeShares]]
     coarsest: Mapping[str, Quantity]
     variants: Mapping[str, Mapping[str, Quantity]]
-    hierarchy: Ladder | None
+    hierarchy: ModelHierarchy | None
     stage_model: StageModel | None
     seconds: float
 
@@ -104,7 +104,7 @@ class StageValidation:
     @property
     def inputs(self) -> dict[str, float]:
         """By axis how far each actuator parts its inputs where coupling and pictures are stated [m]."""
-        return {axis: stated(self.study, axis) for axis in self.assembly.axes}
+        return {axis: input_motion(self.study, axis) for axis in self.assembly.axes}
 
     @property
     def scatter(self) -> MeshNoise:
@@ -186,7 +186,8 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         modes=(mode_shares(finest, 0.0, REPORTED_MODES), mode_shares(finest, spring, REPORTED_MODES) if spring else []),
         coarsest={**found[0], **_moved(motions)},
         variants={
-            label: changed(motions_found, there, sizes[:DRIVEN], by_key(limits)) for label, there in variants.items()
+            label: variant_quantities(motions_found, there, sizes[:DRIVEN], by_key(limits))
+            for label, there in variants.items()
         },
         hierarchy=rungs,
         stage_model=stage_model_of(design, finest, by_key(limits), _quadratic(motions, by_key(limits))),
