@@ -202,6 +202,28 @@ def test_a_kink_is_passed(start: float) -> None:
     assert found.cost - min(cost(gap) for gap in np.linspace(0.75, 0.85, 2001)) < SMALL
 
 
+@pytest.mark.parametrize("turned", [-0.6, -0.05])
+def test_an_initial_state_beside_a_kink_does_not_stop_the_others(turned: float) -> None:
+    """Friction that pulls up or down as a record begins, by where the stage had turned, and says no more of that place.
+
+    The minimum of the other numbers is that without the kink, on the side where the search begins.
+    """
+
+    def formula(v: Mapping[str, float], t: Array) -> Array:
+        side = math.tanh(v["run:turn"] / 1e-3) + 2e-7 * v["run:turn"]  # and a ringing that hardly shows
+        return np.asarray(v["a"] * np.exp(-v["k"] * t) - side * np.exp(-t / 0.1))
+
+    every = (parameter("a", 1.5, 0.1, 10.0), parameter("k", 2.5, 0.1, 100.0, scale="log"))
+    turn = parameter("run:turn", turned, -500.0, 500.0, run="run", screen=(-60.0, 0.0, 60.0))
+    data = 2 * np.exp(-3 * T) + np.exp(-T / 0.1) + 1e-3 * np.random.default_rng(4).standard_normal(len(T))
+    found = solved(problem(Toy(formula, (*every, turn)), data, 1e-3, **{"run:turn": (25.0, 100.0)}))
+    assert values(found)["run:turn"] < 0
+    beside = problem(Toy(lambda v, t: formula({**v, "run:turn": turned}, t), every), data, 1e-3)
+    x, cost = by_scipy(beside, data, 1e-3)
+    assert sum(float(part @ part) for part in found.residuals) - cost < SMALL
+    assert np.all(np.abs(found.x[:2] - x) <= CLOSE * np.sqrt(np.diag(found.covariance))[:2])
+
+
 def test_a_search_ends_in_a_corner_where_slopes_promise_what_no_step_keeps() -> None:
     model = Toy(lambda v, t: -10 - np.abs(v["x"] * np.ones_like(t)), (parameter("x", 0.0, -99.0, 99.0),))
     found = solve(task := problem(model, np.zeros(1), 0.1, t=T[:1]), task.where.start)

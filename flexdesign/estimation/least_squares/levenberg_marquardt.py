@@ -171,6 +171,10 @@ class _Search:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
         self.looked = 0
+        parameters = problem.where.parameters
+        self.kinked = np.array([bool(parameter.run and parameter.screen) for parameter in parameters], dtype=bool)
+        self.has_shared = any(not parameter.run for parameter in parameters)
+        self.held, self.is_released = np.zeros(len(x), dtype=bool), False
         self.update_jacobian(old)
         self.fresh = not old
 
@@ -186,7 +190,7 @@ class _Search:
         for _ in range(LONGEST):
             enough = max(self.small, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
-            step = _step(self.normal, gradient, self.damping, self.x, self.problem)
+            step = _step(self.normal, gradient, self.damping, self.x, self.problem, self.held)
             predicted_reduction = -float(2 * gradient @ step + step @ self.normal @ step)
             if predicted_reduction < 0 and self.damping < LARGEST_DAMPING:
                 # A step that was clipped to the bounds is no minimum of the bounded parabola.
@@ -196,21 +200,45 @@ class _Search:
                 # Damping itself may keep promises small along a valley.
                 self.damping, self.eased = UNDAMPED, True
                 continue
+            if predicted_reduction <= enough and self.held.any():
+                self._release()
+                return False
             if predicted_reduction <= enough:
                 return self.fresh or SMALLEST_GAIN_RATIO[0] < self.kept < SMALLEST_GAIN_RATIO[1]
             tried = self.problem.residuals(self.x + step)
             reached = self.problem.cost(self.x + step, tried)
             if tried is not None and reached < self.cost:
+                was_fresh = self.fresh
                 self._go(step, tried, reached, predicted_reduction)
                 if self.kept < LEAST_KEPT:
+                    if was_fresh:
+                        self._hold()
                     return False
+                self.is_released = False
             elif not self.fresh:
                 return False
-            else:
+            elif self.is_released or not self._hold():
                 self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 if self.damping > LARGEST_DAMPING:
                     return True
         return False
+
+    def _hold(self) -> bool:
+        """Hold the initial states of runs, where the Jacobian misled; return whether that leaves other steps.
+
+        They have kinks, where a hysteresis begins to move the other way, that no derivative shows. The other
+        coordinates are then moved by themselves, until they have converged (block coordinate descent: Bertsekas,
+        Nonlinear Programming, section 3.7).
+        """
+        if self.held.any() or not self.kinked.any() or not self.has_shared:
+            return False
+        self.held = self.kinked.copy()
+        return True
+
+    def _release(self) -> None:
+        """Let the initial states move again with the others, which have converged."""
+        self.held, self.is_released = np.zeros(len(self.x), dtype=bool), True
+        self.damping, self.eased, self.looked = DAMPING, False, 0
 
     def _go(self, step: Array, tried: list[Array], reached: float, predicted_reduction: float) -> None:
         """Take a step, and update the Jacobian by Broyden's formula (1965)."""
@@ -247,12 +275,15 @@ def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], res
     return np.asarray(total)
 
 
-def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem) -> Array:
-    """Return the damped step within the bounds; what would leave goes to its bound, and the rest makes up for that."""
+def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem, held: NDArray[np.bool_]) -> Array:
+    """Return the damped step within the bounds, of what is not held.
+
+    What would leave the bounds goes to its bound, and the rest makes up for that.
+    """
     lower, upper = problem.where.lower - x, problem.where.upper - x
     scale = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))
     damped = normal / np.outer(scale, scale) + damping * np.eye(len(x))
-    step, moving = np.zeros(len(x)), np.ones(len(x), dtype=bool)
+    step, moving = np.zeros(len(x)), ~held
     for _ in range(len(x)):
         places, stopped = np.flatnonzero(moving), np.flatnonzero(~moving)
         if not len(places):
