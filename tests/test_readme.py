@@ -160,6 +160,17 @@ def test_rates_are_those_of_the_kept_trial() -> None:
     assert f"95 % intervals that contain the truth: {held['rate']} | {held['cases']} |" in text
 
 
+def test_real_recordings_are_those_of_the_kept_report() -> None:
+    folder = EXAMPLES / "real_recordings"
+    rows = json.loads((folder / "result.json").read_text(encoding="utf-8"))["rows"]
+    report, text = (folder / "report.md").read_text(encoding="utf-8"), page("evidence")
+    assert len(rows) > 0
+    for row in rows:
+        assert f"| {' | '.join(row.values())} |" in report
+        shown = ("recording", "verdict", "named", "recalibrated", "with effects")
+        assert f"| {' | '.join(row[name] for name in shown)} |" in text
+
+
 @pytest.mark.parametrize(
     ("kept", "mesh", "name"),
     [
