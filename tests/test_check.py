@@ -149,7 +149,7 @@ def test_steps_of_several_sizes_are_no_command_of_one_size() -> None:
     assert "one size" not in said(run("a", u, reading(u)), run("b", v, reading(v)))
     square = np.repeat([0.0, 100.0] * 4, N // 8)
     assert "u has one size" in said(run("a", square, reading(square)), run("b", 100 - square, reading(100 - square)))
-    shown = {each.effect for each in coverage.shown(coverage.kinds_of(run("a", u, reading(u)))) if each.kinds}
+    shown = {each.effect for each in coverage.coverage(coverage.kinds_of(run("a", u, reading(u)))) if each.kinds}
     assert {"stress_stiffening", "preload_loss", "driver_bandwidth"} <= shown and "sensor_gain" not in shown
 
 

@@ -21,7 +21,7 @@ from flexdesign.diagnosis.comparison import Comparison, compare, holds, reversal
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, Driver, StageModel, to_toml
 from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.estimation.noise.whitening import ColouredNoise
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run, write_run
 from flexdesign.report import comparison_text, render
@@ -67,7 +67,7 @@ def sound() -> Comparison:
 
 def white(level: float, *names: str) -> NoiseFloor:
     process = Process(np.zeros(0), level)
-    return NoiseFloor(Coloured(process), dict.fromkeys(names, level), "told", True, (), math.inf)
+    return NoiseFloor(ColouredNoise(process), dict.fromkeys(names, level), "told", True, (), math.inf)
 
 
 def made(name: str, command: Any, response: Array, period: float = PERIOD) -> Run:

@@ -26,7 +26,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, discriminating_experiments, initialised_comparison
 from flexdesign.diagnosis.preparation.dataset import prepare
-from flexdesign.diagnosis.residual_comparison import compared
+from flexdesign.diagnosis.residual_comparison import compare_model
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -122,11 +122,11 @@ def test_result_holds_everything_with_its_unit() -> None:
 
 def test_where_it_failed_is_where_the_effect_acts() -> None:
     # Guides that stiffen move the resonance: the error lies about the mode, and in the run that reaches farthest.
-    before = compared(diagnosed(), "calibrated")
+    before = compare_model(diagnosed(), "calibrated")
     band = max(next(b for b in before.where if b.by == "frequency").parts, key=lambda part: part.share)
     assert band.lower < 118.3 < band.upper
     assert band.share > 0.5
-    after = compared(diagnosed(), "found")
+    after = compare_model(diagnosed(), "found")
     assert after.rms < 0.02 * before.rms
 
 

@@ -29,10 +29,10 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
-from flexdesign.diagnosis.preparation.quantisation_noise import rounded
+from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
 from flexdesign.diagnosis.remainder import is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory
-from flexdesign.diagnosis.verdict import LARGE, decide, ladder_of, levels, reach_verdict
+from flexdesign.diagnosis.verdict import LARGE, accepted_fits, decide, levels, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -44,7 +44,7 @@ from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.estimation.noise.whitening import ColouredNoise
 from flexdesign.estimation.uncertainty.identifiability import Estimate
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.noise_level.noise_floor import ADEQUATE, ERRORS
@@ -73,7 +73,7 @@ def data(axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, **more: A
     roles: dict[str, Literal["identify", "validate"]] = {"one": "identify", "two": "identify", "kept": "validate"}
     runs = [run_of(name, rng.uniform(0, 100, n), rng.normal(0, 1e-4, n), role, **more) for name, role in roles.items()]
     process = Process(np.zeros(0), NOISE)
-    noise = NoiseFloor(Coloured(process), dict.fromkeys(roles, NOISE), "stated", dof > 0, (), dof)
+    noise = NoiseFloor(ColouredNoise(process), dict.fromkeys(roles, NOISE), "stated", dof > 0, (), dof)
     known = {name: (axis.numbers[name], axis.numbers[name] * share) for name, share in axis.uncertainty.items()}
     return DiagnosisData("x", axis, tuple(of_axis(run, "x", axis) for run in runs), noise, 0.3 * NOISE, known)
 
@@ -178,7 +178,7 @@ def concluded(
     # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
     with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(FittedModel, "is_white", False):
         verdict, named = decide(about, course, left, lambda *_: is_better_smooth)
-        ladder = [course.nominal, *ladder_of(course, named)]
+        ladder = [course.nominal, *accepted_fits(course, named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]
@@ -395,7 +395,7 @@ def test_words_say_what_remains_and_what_it_looks_like() -> None:
     assert judged(about, one, one, left).remainder.endswith("explain most: b, c, a")
     assert "no smooth function" in judged(about, one, one).remainder
     assert "whitened" not in judged(about, one, one).remainder
-    coloured = Coloured(Process(np.array([-0.9]), NOISE))
+    coloured = ColouredNoise(Process(np.array([-0.9]), NOISE))
     correlated = replace(about, noise=replace(about.noise, whitening=coloured))
     assert "times the noise remains (whitened: " in judged(correlated, one, one, left).remainder
 
@@ -572,7 +572,7 @@ def test_rounding_of_slow_motion_is_coloured_noise() -> None:
     noisy = motion + 1e-8 * rng.standard_normal(n)
     seen = run_of("slow", np.zeros(n), step * np.round(noisy / step), "identify")
     errors = seen.measured() - motion
-    found = rounded({"slow": seen}, Coloured(Process(np.zeros(0), 1e-8)), {"slow": errors}, step)
+    found = add_rounding({"slow": seen}, ColouredNoise(Process(np.zeros(0), 1e-8)), {"slow": errors}, step)
     white = found.process("slow").whiten(errors[:, None])[:, 0]
     correlations = [float(e[1:] @ e[:-1] / (e @ e)) for e in (errors, white)]
     assert correlations[0] > 0.3 and abs(correlations[1]) < 0.1

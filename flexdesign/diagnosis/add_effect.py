@@ -130,7 +130,7 @@ def add(
 
         task, gone = procedure.search(data, task, dynamics, alone)
         (candidate,) = alone(gone.calibration)
-        final, reason = _added(task, gone, candidate)
+        final, reason = _fit_addition(task, gone, candidate)
         error_ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibration, final)]
         values = verdict.values_of(final)
         of_effect = tuple(values[number] for number in candidate.free)
@@ -162,7 +162,7 @@ def add(
     )
 
 
-def _added(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
+def _fit_addition(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
     """Return the fit with an effect, and why it is not needed."""
     step = gone.steps[0]
     if step.trials:

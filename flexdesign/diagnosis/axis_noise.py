@@ -10,7 +10,7 @@ from flexdesign.measurements.noise_level import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import Run
 
 #: Decades of decay after which a mode has rung down.
-RUNG_DOWN = 3.0
+DECAY_DECADES = 3.0
 
 
 def noise_of_axis(runs: Sequence[Run], name: str, axis: AxisModel) -> NoiseFloor:
@@ -26,4 +26,4 @@ def settling(axis: AxisModel) -> float:
     0.384
     """
     rate = 2 * math.pi * axis.natural_frequency * min(max(axis.damping_ratio, 1e-3), 1.0)
-    return RUNG_DOWN * math.log(10) / rate
+    return DECAY_DECADES * math.log(10) / rate

@@ -50,7 +50,7 @@ def _silent(_: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Kept:
+class _CachedFit:
     """A fit, its error, why its last effect is not needed, and whether it is fitted roughly only."""
 
     fit: FittedModel
@@ -112,30 +112,30 @@ class Confrontation:
             self.data: DiagnosisData = estimation_setup.choose_interpolation(model, data, each, self._say)
             self._dynamics, self._case = estimation_setup.case_of(model, self.data, each, self._say)
             self._say("predicting with the model as it is")
-            nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.BELIEVED), self._dynamics)
+            nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.PRIOR_BOUND), self._dynamics)
         if nominal is None:
             raise InputError("model", f"axis.{self.data.name}", None, "cannot be simulated at the values it has")
         self._nominal = predict_tests(self._case, nominal)
         self._calibrated: CalibratedTask | None = None
-        self._kept: dict[tuple[str, ...], _Kept] = {}
+        self._kept: dict[tuple[str, ...], _CachedFit] = {}
         self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
         self._entered: dict[tuple[str, ...], tuple[float, Entry | None]] = {}
         self._values: dict[tuple[str, ...], tuple[Value, ...]] = {}
         self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
     @property
-    def _begun(self) -> CalibratedTask:
+    def _calibrated_task(self) -> CalibratedTask:
         """The task with the model's own numbers fitted: when they are first needed."""
         if self._calibrated is None:
             begun = procedure.calibrate_task(self.data, self._case, self._dynamics)
             self._calibrated, self._nominal = begun, predict_tests(begun.task, begun.nominal)
-            self._kept[()] = _Kept(predict_tests(begun.task, begun.calibrated))
+            self._kept[()] = _CachedFit(predict_tests(begun.task, begun.calibrated))
         return self._calibrated
 
     @property
     def task(self) -> EstimationTask:
         """What is fitted, and to what."""
-        return self._begun.task
+        return self._calibrated_task.task
 
     def _say(self, text: str) -> None:
         self._progress(text)
@@ -143,13 +143,13 @@ class Confrontation:
     @cached_property
     def catalogue(self) -> tuple[Candidate, ...]:
         """The effects that the axis does not have."""
-        return procedure.catalogue(self.data, self._dynamics, self._begun.calibrated, more=self._more)
+        return procedure.catalogue(self.data, self._dynamics, self._calibrated_task.calibrated, more=self._more)
 
     # --- as designed, and with effects ---------------------------------------------------------------------------
 
     def designed(self) -> Confronted:
         """Return the model as designed; only the initial conditions of the runs are fitted."""
-        return self._confronted((), _Kept(self._nominal), is_designed=True)
+        return self._confronted((), _CachedFit(self._nominal), is_designed=True)
 
     def with_effects(
         self, names: Sequence[str] = (), progress: Progress = _silent, *, roughly: bool = False
@@ -173,11 +173,11 @@ class Confrontation:
         chosen = tuple(names)
         with self._turn, self._libraries.limit(limits=1):
             self._progress = progress
-            assert self._begun  # calibrates when it is first asked
+            assert self._calibrated_task  # calibrates when it is first asked
             for count in range(1, len(chosen) + 1):
                 kept, rough_will_do = self._kept.get(chosen[:count]), roughly and count == len(chosen)
                 if kept is None or (kept.is_rough and not rough_will_do):
-                    self._kept[chosen[:count]] = self._added(chosen[:count], rough_will_do)
+                    self._kept[chosen[:count]] = self._fit_last_effect(chosen[:count], rough_will_do)
             return self._confronted(chosen, self._kept[chosen])
 
     def offered(self, names: Sequence[str] = ()) -> tuple[str, ...]:
@@ -212,7 +212,7 @@ class Confrontation:
 
     def _screening(self, chosen: tuple[str, ...]) -> tuple[float, list[Entry]]:
         if chosen not in self._screened:
-            origins = () if chosen else self._begun.origins
+            origins = () if chosen else self._calibrated_task.origins
             fit = self._kept[chosen].fit
             score, quick = screen(self.task, fit, self.catalogue, origins)
             rough = fit_roughly(self.task, fit, quick)
@@ -220,20 +220,20 @@ class Confrontation:
             self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
         return self._screened[chosen]
 
-    def _added(self, chosen: tuple[str, ...], roughly: bool) -> _Kept:
+    def _fit_last_effect(self, chosen: tuple[str, ...], roughly: bool) -> _CachedFit:
         """Fit the last of some effects in addition to the others, roughly or to the end."""
         *others, name = chosen
         candidate = self._candidate(name, others)
         fit = self._kept[tuple(others)].fit
         score, entry = self._entry(chosen, candidate)
         if entry is not None and roughly and (rough := evaluate_fit(self.task, entry.solution, entry.start.effects)):
-            return _Kept(predict_tests(self.task, rough), is_rough=True)
+            return _CachedFit(predict_tests(self.task, rough), is_rough=True)
         trial = None if entry is None else finish(self.task, fit, entry, score)
         if trial is not None:
-            return _Kept(predict_tests(self.task, trial.fit), trial.reason)
+            return _CachedFit(predict_tests(self.task, trial.fit), trial.reason)
         # It promises nothing; its value then says how large it may be at most.
         made = predict_tests(self.task, fit_candidate(self.task, fit, candidate, roughly=roughly))
-        return _Kept(made, "" if roughly else "no more than chance gives", roughly)
+        return _CachedFit(made, "" if roughly else "no more than chance gives", roughly)
 
     def _entry(self, chosen: tuple[str, ...], candidate: Candidate) -> tuple[float, Entry | None]:
         """Return the critical value of scores, and a rough fit with the last effect; None if it promises nothing."""
@@ -242,7 +242,7 @@ class Confrontation:
             score, entries = self._screened[others]
             return score, next((entry for entry in entries if entry.names == (candidate.name,)), None)
         if chosen not in self._entered:
-            fit, origins = self._kept[others].fit, () if others else self._begun.origins
+            fit, origins = self._kept[others].fit, () if others else self._calibrated_task.origins
             score, quick = screen(self.task, fit, [candidate], origins)
             self._entered[chosen] = score, next(iter(fit_roughly(self.task, fit, quick)), None)
         return self._entered[chosen]
@@ -289,7 +289,7 @@ class Confrontation:
             raise InputError("model", f"axis.{self.data.name}", None, "grows without bound at these values; go back")
         residuals = {record.observation.name: rest for rest, (_, record) in zip(found, pairs, strict=True)}
         fit = replace(kept.fit, model=model, residuals_by_run=residuals)
-        return self._confronted(chosen, _Kept(fit, kept.reason), by_hand=values)
+        return self._confronted(chosen, _CachedFit(fit, kept.reason), by_hand=values)
 
     def values(self, names: Sequence[str] = ()) -> tuple[Value, ...]:
         """Return the numbers of a model that was fitted, its own first, with their 95 % intervals."""
@@ -306,7 +306,7 @@ class Confrontation:
     def _confronted(
         self,
         chosen: tuple[str, ...],
-        kept: _Kept,
+        kept: _CachedFit,
         is_designed: bool = False,
         by_hand: Mapping[str, float] | None = None,
     ) -> Confronted:

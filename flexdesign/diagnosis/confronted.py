@@ -35,7 +35,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Setting:
+class AdjustableParameter:
     """A number of a model that may be set by hand, SI.
 
     Parameters
@@ -77,7 +77,7 @@ class Confronted(residual_comparison.ModelResiduals):
     effects: tuple[str, ...]
     error_ladder: tuple[ErrorStep, ...]
     noise_floor: float
-    settings: tuple[Setting, ...]
+    settings: tuple[AdjustableParameter, ...]
     reason: str
     is_rough: bool = False
 
@@ -99,10 +99,10 @@ class Confronted(residual_comparison.ModelResiduals):
     @cached_property
     def comparison(self) -> Comparison:
         """The same, and where the model fails."""
-        return residual_comparison.compared(self, "found")
+        return residual_comparison.compare_model(self, "found")
 
 
-def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[Setting, ...]:
+def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:
     """Return the numbers of a fit that may be set by hand; some of them have been, SI."""
     where, x = fit.solution.problem.where, fit.solution.x
     present, known = where.values(x), where.known
@@ -119,5 +119,7 @@ def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[Setting
         if parameter.null is not None and math.isfinite(parameter.null):
             low, high = min(low, parameter.null), max(high, parameter.null)
         low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])
-        found.append(Setting(parameter, by_hand.get(parameter.name, fitted), min(low, fitted), max(high, fitted)))
+        found.append(
+            AdjustableParameter(parameter, by_hand.get(parameter.name, fitted), min(low, fitted), max(high, fitted))
+        )
     return tuple(found)

@@ -52,7 +52,7 @@ def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str]
     try:
         limits = experiment_design.of_axis(found.model, found.axis)
         dynamics = experiment_design.dynamics(found.model, found.axis, limits)
-        menu = [*experiment_design.suite_of(dynamics, limits), *experiment_design.elsewhere(dynamics, limits)]
+        menu = [*experiment_design.suite_of(dynamics, limits), *experiment_design.other_excitations(dynamics, limits)]
         for other in group[1:]:
             progress(f"simulating what distinguishes {group[0]} from {other}")
             resolved.append(experiment_design.resolve_effects(dynamics, (group[0], other), menu, found.noise_floor))

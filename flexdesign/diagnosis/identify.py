@@ -20,7 +20,7 @@ from flexdesign import effects, estimation
 from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.axis_noise import noise_of_axis
-from flexdesign.diagnosis.comparison.compare import RunComparison, compared
+from flexdesign.diagnosis.comparison.compare import RunComparison, compare_run
 from flexdesign.dynamics.axis.axis_choice import choose_axis, require_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
@@ -157,7 +157,7 @@ def identify(
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
     dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
-    made = [compared(dynamics, run, noise.rms[run.name]) for run in seen]
+    made = [compare_run(dynamics, run, noise.rms[run.name]) for run in seen]
     matches = tuple(
         replace(match, remarks=(*match.remarks, *_in_a_loop(run, name))) for match, run in zip(made, seen, strict=True)
     )
@@ -166,7 +166,7 @@ def identify(
         estimates = [_without_interval(estimate) for estimate in estimates]
     certain = {each.name: each.sigma for each in estimates if each.sigma is not None}
     fitted_runs = [match.name for match in matches if match.role == "identify"]
-    axes = {**model.axes, name: _updated(model.axes[name], search, certain, fitted_runs)}
+    axes = {**model.axes, name: _update(model.axes[name], search, certain, fitted_runs)}
     return Identification(
         before=model,
         model=replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay)),
@@ -177,7 +177,7 @@ def identify(
         fit=search.last,
         starts=search.starts,
         runs=matches,
-        before_errors={run.name: compared(start, run, noise.rms[run.name]).rms for run in observed},
+        before_errors={run.name: compare_run(start, run, noise.rms[run.name]).rms for run in observed},
         evaluations=search.evaluations,
         seconds=perf_counter() - began,
         noise=noise,
@@ -267,7 +267,7 @@ class _Search:
             rms = (
                 [m.rms for m in found.matches]
                 if found
-                else [compared(self.dynamics, run, 1.0).rms for run in self.runs]
+                else [compare_run(self.dynamics, run, 1.0).rms for run in self.runs]
             )
             if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
                 break
@@ -308,7 +308,7 @@ def _in_a_loop(run: Run, axis: str) -> tuple[str, ...]:
     return ("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit",)
 
 
-def _updated(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
+def _update(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
     """Return the fitted axis with how well its numbers are known, and from where."""
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
     relative = {name: sigmas[name] / abs(v) if v and name in sigmas else math.inf for name, v in values.items()}
@@ -333,13 +333,13 @@ def known_axis(axis: AxisModel, relative: Mapping[str, float], runs: Sequence[st
         Names of the runs that were fitted.
     """
     uncertainty = {name: sigma for name, sigma in axis.uncertainty.items() if name not in relative}
-    uncertainty |= {name: _rounded(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
+    uncertainty |= {name: _round(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
     sources = dict(axis.sources) | dict.fromkeys(relative, f"identified from {listed_runs(runs)}")
     if axis.stiffness is not None and math.isfinite(sigma := relative.get("natural_frequency", math.inf)):
         sources["mass"] = "from the identified natural frequency and the stiffness"
         uncertainty.pop("mass", None)
         if "stiffness" in axis.uncertainty:
-            uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * sigma))
+            uncertainty["mass"] = _round(math.hypot(axis.uncertainty["stiffness"], 2 * sigma))
     assumed = axis.still_assumed(list(relative))
     return replace(axis, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
 
@@ -349,6 +349,6 @@ def listed_runs(names: Sequence[str]) -> str:
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
-def _rounded(relative: float) -> float:
+def _round(relative: float) -> float:
     """Return two digits, as they come back from a file that has them in percent."""
     return float(f"{100 * relative:.2g}") * units.factor("%", "1")

@@ -16,10 +16,10 @@ import numpy as np
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.effect_selection.estimation_setup import BELIEVED, case_of, simulating
+from flexdesign.diagnosis.effect_selection.estimation_setup import PRIOR_BOUND, case_of, simulating
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.calibration import evaluate_design
 from flexdesign.estimation.model_selection.fitted_model import predict_tests
@@ -67,7 +67,7 @@ def compare(
     data = prepare(model, every, plain.axis, None, noise)
     with simulating(threads) as each:
         dynamics, task = case_of(model, data, each, progress)
-        fit = evaluate_design(replace(task, free=(), prior_bound=BELIEVED), dynamics)
+        fit = evaluate_design(replace(task, free=(), prior_bound=PRIOR_BOUND), dynamics)
     if fit is None:
         raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
     residuals = predict_tests(task, fit).residuals_by_run
@@ -78,7 +78,7 @@ def compare(
     nominal = ModelResiduals(
         axis=plain.axis, before=model, model=model, runs=seen, noise=data.noise, residuals_by_run={"found": residuals}
     )
-    found = compared(nominal, "found")
+    found = compare_model(nominal, "found")
     runs = tuple(
         replace(run, offset_rms=alone[run.name], remarks=before.remarks)
         for run, before in zip(found.runs, plain.runs, strict=True)

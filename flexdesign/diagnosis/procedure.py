@@ -20,8 +20,8 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.effect_selection.basis_functions import basis_functions_of
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
-    BELIEVED,
     EXACT,
+    PRIOR_BOUND,
     case_of,
     choose_interpolation,
     simulating,
@@ -33,10 +33,10 @@ from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, exp
 from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency, offset_residual
-from flexdesign.diagnosis.preparation.truncated_runs import truncated
+from flexdesign.diagnosis.preparation.truncated_runs import truncate
 from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
-from flexdesign.diagnosis.verdict import decide, ladder_of, reach_verdict
+from flexdesign.diagnosis.verdict import accepted_fits, decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import BETTER, INDISTINGUISHABLE, WORSE
@@ -109,7 +109,7 @@ def diagnose(
         dynamics, task = case_of(model, data, each, progress)
 
         preliminary = None
-        if (short := truncated(data)) is not None:
+        if (short := truncate(data)) is not None:
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
             _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more))
@@ -134,7 +134,7 @@ def diagnose(
         progress("predicting the test runs")
         scored = [run for run in data.runs if run.name in data.scored]
         alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None
-        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *ladder_of(history, named))]
+        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *accepted_fits(history, named))]
         by_run = of_runs(task, error_ladder[-1])
         progress("finding the intervals")
         found = reach_verdict(
@@ -219,7 +219,7 @@ def calibrate_task(
     task.progress("predicting with the model as it is")
     held = undetermined(task, dynamics)
     task = replace(task, free=tuple(name for name in task.free if name not in held))
-    nominal = evaluate_design(replace(task, prior_bound=BELIEVED), dynamics)
+    nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
     task.progress("calibrating")
     if preliminary is None:
         fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)

@@ -32,7 +32,7 @@ WORDS = {
 #: Words of a fit.
 FIT = ("trying", "fitting with")
 #: Numbers of seconds that are said, each for what is nearest; less than the first is a few seconds.
-SAID = (5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600, 1200, 1800, 3600)
+DURATIONS = (5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600, 1200, 1800, 3600)
 
 
 class Progress:
@@ -58,7 +58,7 @@ class Progress:
             self._enter(self._stage_of(text))
             self.fits += text.startswith(FIT)
             count = f"fit {self.fits}: " if text.startswith(FIT) else ""
-            left = "last stage" if self.stage == ENDING else in_words(self.left())
+            left = "last stage" if self.stage == ENDING else duration_text(self.left())
         self.say(f"{count}{text}{', ' if left else ''}{left}")
 
     def left(self) -> float | None:
@@ -82,7 +82,7 @@ class Progress:
         self.stage = stage
 
 
-def in_words(seconds: float | None) -> str:
+def duration_text(seconds: float | None) -> str:
     """Return a time in words, no finer than it is known.
 
     >>> in_words(2.0), in_words(17.0), in_words(100.0)
@@ -92,7 +92,7 @@ def in_words(seconds: float | None) -> str:
     """
     if seconds is None:
         return ""
-    if seconds < SAID[0]:
+    if seconds < DURATIONS[0]:
         return "a few seconds left"
-    nearest = min(SAID, key=lambda number: abs(number - seconds))
+    nearest = min(DURATIONS, key=lambda number: abs(number - seconds))
     return f"about {nearest} s left" if nearest < 120 else f"about {nearest // 60} min left"

@@ -113,7 +113,7 @@ def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> boo
     return remainder(data, fit).is_noise and not explainable
 
 
-def in_words(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
+def describe(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
     """Return how much a model leaves, and which smooth functions explain most of it."""
     share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise remains"
     if any(data.noise.whitening.process(run.name).order for run in data.runs):

@@ -9,7 +9,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis.comparison import Comparison, RunComparison, joined, where
+from flexdesign.diagnosis.comparison import Comparison, RunComparison, join_halves, where
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -47,7 +47,7 @@ class ModelResiduals:
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
 
 
-def compared(found: ModelResiduals, which: Which) -> Comparison:
+def compare_model(found: ModelResiduals, which: Which) -> Comparison:
     """Compare the runs with one of the two models, as `diagnosis.comparison` does for a model as it is.
 
     Parameters
@@ -59,7 +59,7 @@ def compared(found: ModelResiduals, which: Which) -> Comparison:
     """
     left = cast("Mapping[str, Array]", found.residuals_by_run[which])
     model = found.before if which == "calibrated" else found.model
-    responses = joined(found.responses, left, found.lines) if found.responses else ()
+    responses = join_halves(found.responses, left, found.lines) if found.responses else ()
     if not found.runs:
         return Comparison(model, found.axis, (), found.noise, (), (), 0.0, responses)
     runs = compared_runs(found, which)
@@ -77,7 +77,7 @@ def compared(found: ModelResiduals, which: Which) -> Comparison:
 
 
 def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, ...]:
-    """Return measurement and prediction of each run by one model, see `compared`."""
+    """Return measurement and prediction of each run by one model, see `compare_model`."""
     if not found.runs:
         return ()
     left = cast("Mapping[str, Array]", found.residuals_by_run[which])

@@ -13,7 +13,7 @@ from flexdesign.diagnosis.comparison import reversal
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.remainder import in_words, is_adequate, remainder
+from flexdesign.diagnosis.remainder import describe, is_adequate, remainder
 from flexdesign.diagnosis.result import (
     CandidateRecord,
     Diagnosis,
@@ -111,9 +111,11 @@ def reach_verdict(
     """
     final, (nominal, calibration, *_) = error_ladder[-1], error_ladder
     is_noise = is_adequate(data, history.final, left)
-    doubt = "" if is_noise else in_words(data, remainder(data, history.final), left)
+    doubt = "" if is_noise else describe(data, remainder(data, history.final), left)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
-    effects = tuple(with_runs(_named(data, error_ladder[1:], name, values), by_run or {}) for name in final.names)
+    effects = tuple(
+        with_runs(_identified_effects(data, error_ladder[1:], name, values), by_run or {}) for name in final.names
+    )
     if implied_effects:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied_effects if conflict.named))
@@ -126,7 +128,7 @@ def reach_verdict(
         effects=effects,
         confusable=groups,
         possible_effects=_possible(data, history, final),
-        candidates=_tried(history.steps),
+        candidates=_candidate_records(history.steps),
         error_ladder=(*_offset_step(alone), *_error_steps(data, error_ladder)),
         calibration=tuple(values[name] for name in own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in strained),
@@ -177,7 +179,7 @@ def _confidence(data: DiagnosisData, history: SelectionHistory, nominal: FittedM
     return "; ".join(remarks)
 
 
-def ladder_of(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:
+def accepted_fits(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:
     """Return the fits from the calibrated one to the one whose effects are named."""
     every = levels(history)
     place = next(i for i, fit in enumerate(every) if {*final.names} <= {*fit.names})
@@ -189,7 +191,7 @@ def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
     return math.sqrt(max(data.test_error(fit) ** 2 - (data.noise_rms if data.noise.known else 0.0) ** 2, 0.0))
 
 
-def _named(
+def _identified_effects(
     data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, values: Mapping[str, Value]
 ) -> IdentifiedEffect:
     final = error_ladder[-1]
@@ -233,7 +235,7 @@ def own_numbers(fit: FittedModel) -> list[str]:
     return [p.name for p in fit.solution.problem.where.parameters if not p.run and p.name not in of_effects]
 
 
-def _tried(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
+def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
     found = []
     for step in steps:
         for trial in step.trials:

@@ -23,7 +23,7 @@ from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.whitening import Noise, White, Whitening
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
 from flexdesign.estimation.uncertainty.identifiability import Estimate, estimates
-from flexdesign.estimation.uncertainty.intervals import checked
+from flexdesign.estimation.uncertainty.intervals import check_intervals
 
 Array = NDArray[np.float64]
 
@@ -167,15 +167,15 @@ def fit(
     if dataset.samples <= len(free) + count:
         asked = f"{len(free)} parameters and {count} offsets need more samples than that"
         raise InputError("fit", "observations", f"{dataset.samples} samples", asked)
-    with shared_pool(_counted(threads)) as each:
+    with shared_pool(_thread_count(threads)) as each:
         problem = Problem(dataset, model, where, each)
         first, summary, minima = multistart(problem, starts, seed, progress)
         progress("checking the intervals")
-        refine = partial(_converged, dataset, noise is not None)
-        best, found, intervals, is_better = checked(first, range(len(free)), refine, profiles)
+        refine = partial(_converge, dataset, noise is not None)
+        best, found, intervals, is_better = check_intervals(first, range(len(free)), refine, profiles)
         return Fit(
             model=problem.at(best.x),
-            estimates=tuple(_advised(e, reveal or {}) for e in estimates(best, found, intervals, minima)),
+            estimates=tuple(_with_advice(e, reveal or {}) for e in estimates(best, found, intervals, minima)),
             correlation=found.correlation,
             matches=_matches(best, found),
             cost=best.cost,
@@ -187,7 +187,7 @@ def fit(
         )
 
 
-def _converged(dataset: Dataset, noise_is_known: bool, solution: Solution) -> tuple[Solution, Uncertainty]:
+def _converge(dataset: Dataset, noise_is_known: bool, solution: Solution) -> tuple[Solution, Uncertainty]:
     """Return the minimum to full accuracy and its uncertainty, prior knowledge weighed against the residual.
 
     Where the noise is unknown, or correlated samples count as fewer, the weight follows from the residual of the fit
@@ -206,7 +206,7 @@ def _converged(dataset: Dataset, noise_is_known: bool, solution: Solution) -> tu
     return solution, found
 
 
-def _advised(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
+def _with_advice(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
     """Return an estimate that names the experiment which would show a parameter that is not determined."""
     if estimate.determined or estimate.name not in reveal:
         return estimate
@@ -220,7 +220,7 @@ def _matches(solution: Solution, found: Uncertainty) -> tuple[Match, ...]:
         offset = tuple(float(o) for o in dataset.amounts(record, record.difference(predicted)))
         residual = dataset.remainder(record, predicted)
         rms = math.sqrt(float(np.nanmean(residual**2)))
-        name, shaped = record.observation.name, record.restored(residual)
+        name, shaped = record.observation.name, record.reshape(residual)
         made.append(Match(name, shaped, offset or (0.0,) * record.channels, rms, inflation))
     return tuple(made)
 
@@ -254,7 +254,7 @@ def _whitening(noise: Noise) -> Whitening:
     return White(noise) if isinstance(noise, (int, float, Mapping)) else noise
 
 
-def _counted(threads: int | None) -> int:
+def _thread_count(threads: int | None) -> int:
     """Return the number of threads; by default two, where there are as many processors."""
     count = min(2, os.cpu_count() or 1) if threads is None else threads
     if count < 1:

@@ -22,7 +22,7 @@ from flexdesign.workbench.work import Cancelled
 
 if TYPE_CHECKING:
     from flexdesign.api.confrontation import Confrontation
-    from flexdesign.diagnosis.confronted import Confronted, Setting
+    from flexdesign.diagnosis.confronted import AdjustableParameter, Confronted
 
 #: The demo of `make demo`.
 DEMO = ("studies/hidden_effect_demo/model.toml", "studies/hidden_effect_demo/runs")
@@ -246,7 +246,7 @@ class ConfrontTab:
             for setting in self.shown.settings if self.shown else ():
                 self._number(setting)
 
-    def _number(self, setting: Setting) -> None:
+    def _number(self, setting: AdjustableParameter) -> None:
         parameter, factor = setting.parameter, setting.parameter.factor
         low, high, value = setting.low / factor, setting.high / factor, setting.value / factor
         name = parameter.name.replace("_", " ").replace(".", ": ")

@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 
 from flexdesign import diagnosis
-from flexdesign.diagnosis.progress import ENDING, SCREENING, SECOND_SCREENING, TYPICAL, Progress, in_words
+from flexdesign.diagnosis.progress import ENDING, SCREENING, SECOND_SCREENING, TYPICAL, Progress, duration_text
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.measurements import recordings
 from studies.hidden_effect_trial import cases, folder
@@ -95,7 +95,9 @@ def main(*numbers: str) -> None:
         every.append(lengths(words))
         for each in estimates(words):
             if each.said is not None:
-                print(f"{number}, {each.stage}: {in_words(each.said)}, {each.said:.1f} s; in truth {each.true:.1f} s")
+                print(
+                    f"{number}, {each.stage}: {duration_text(each.said)}, {each.said:.1f} s; in truth {each.true:.1f} s"
+                )
                 ratios.append(each.true / each.said)
     if ratios:
         inside = sum(1 / 3 <= ratio <= 3 for ratio in ratios)

@@ -13,8 +13,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from flexdesign.core.errors import InputError
-from flexdesign.estimation.noise.autoregressive import Colour, Process
-from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.estimation.noise.autoregressive import Autocorrelation, Process
+from flexdesign.estimation.noise.whitening import ColouredNoise
 
 Array = NDArray[np.float64]
 SLOW = Process.from_coefficients(np.array([1.0, -0.98]), 0.3)
@@ -54,7 +54,7 @@ def test_gaps_cut_a_record_into_independent_ones() -> None:
     n, columns = 50, np.random.default_rng(0).standard_normal((50, 3))
     measured = np.zeros(n)
     measured[[0, 20, 21, 22, 40]] = np.nan
-    whitened = Coloured(RINGING).whiten(Given(measured), columns)
+    whitened = ColouredNoise(RINGING).whiten(Given(measured), columns)
     assert not whitened[np.isnan(measured)].any()
     for part in (slice(1, 20), slice(23, 40), slice(41, 50)):
         assert whitened[part] == pytest.approx(RINGING.whiten(columns[part]), abs=1e-12)
@@ -69,7 +69,7 @@ def test_whitened_noise_has_variance_one_from_the_first_sample_on() -> None:
         noise[k] = 0.98 * noise[k - 1] + SLOW.sigma * rng.standard_normal(4000)
     measured = np.zeros(200)
     measured[100:103] = np.nan
-    whitened = Coloured(SLOW).whiten(Given(measured), noise)
+    whitened = ColouredNoise(SLOW).whiten(Given(measured), noise)
     there = np.isfinite(measured)
     assert np.abs(whitened[[0, 1, 99, 103, 104]].var(axis=1) - 1).max() < 4 * 0.0224
     assert np.abs(whitened[there].var(axis=1) - 1).max() < 5 * 0.0224
@@ -81,7 +81,7 @@ def test_channels_may_have_gaps_of_their_own() -> None:
     values = np.random.default_rng(0).standard_normal((30, 2))
     values[10, 1] = np.nan
     filled = np.nan_to_num(values)
-    whitened = Coloured({"run": SLOW}).whiten(Given(values), filled)
+    whitened = ColouredNoise({"run": SLOW}).whiten(Given(values), filled)
     assert whitened[:, 0] == pytest.approx(SLOW.whiten(filled[:, :1])[:, 0])
     assert whitened[11:, 1] == pytest.approx(SLOW.whiten(filled[11:, 1:])[:, 0])
     assert whitened[10, 1] == 0.0
@@ -99,13 +99,13 @@ def test_spectrum_and_correlation_are_those_of_the_process(process: Process) -> 
 
 def test_one_in_fifty_slow_samples_counts() -> None:
     """Bartlett: (1 + rho^2) / (1 - rho^2)."""
-    assert Colour(SLOW.coefficients, 1000).inflation == pytest.approx((1 + 0.98**2) / (1 - 0.98**2), rel=1e-4)
+    assert Autocorrelation(SLOW.coefficients, 1000).inflation == pytest.approx((1 + 0.98**2) / (1 - 0.98**2), rel=1e-4)
 
 
 def test_twenty_columns_of_eighty_seconds_take_well_under_a_tenth_of_a_second() -> None:
     columns, observation = np.zeros((80_000, 20)), Given(np.zeros(80_000))
     began = perf_counter()
-    Coloured(RINGING).whiten(observation, columns)
+    ColouredNoise(RINGING).whiten(observation, columns)
     assert perf_counter() - began < 0.5  # 0.03 s on an idle core; the margin is for a busy one
 
 
@@ -115,6 +115,6 @@ def test_what_cannot_be_whitened_is_refused() -> None:
     with pytest.raises(InputError, match="above zero"):
         Process(np.zeros(0), 0.0)
     with pytest.raises(InputError, match=r"noise\.run"):
-        Coloured({"other": SLOW}).whiten(Given(np.zeros(5)), np.zeros((5, 1)))
+        ColouredNoise({"other": SLOW}).whiten(Given(np.zeros(5)), np.zeros((5, 1)))
     with pytest.raises(InputError, match="samples by channels"):
-        Coloured(SLOW).whiten(Given(np.zeros(5)), np.zeros((4, 1)))
+        ColouredNoise(SLOW).whiten(Given(np.zeros(5)), np.zeros((4, 1)))

@@ -15,7 +15,7 @@ from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
 from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured, White
+from flexdesign.estimation.noise.whitening import ColouredNoise, White
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 #: Poles at 0.9 exp(+-0.4 i).
@@ -62,7 +62,7 @@ def test_taking_columns_out_is_generalised_least_squares() -> None:
     """The least of (d - C a)' N^-1 (d - C a) + sum of (a / size)^2 over the amounts a, by `lstsq` on all of it."""
     rng = np.random.default_rng(0)
     observed, predicted = gapped(5 + 2 * np.exp(-T) + rng.standard_normal(len(T))), np.sin(T)
-    dataset = Dataset([observed], Coloured(RINGING), nuisance)
+    dataset = Dataset([observed], ColouredNoise(RINGING), nuisance)
     record, there = dataset.records[0], np.isfinite(observed.data)
     columns, difference = nuisance(observed)[0][there], (observed.data - predicted)[there]
     root = inverse_root(there)
@@ -87,7 +87,7 @@ def test_freedom_is_the_price_of_columns_in_the_marginal_likelihood() -> None:
     there = np.isfinite(observed.data)
     columns, root = nuisance(observed)[0][there, 1:], inverse_root(there)
     added = root @ columns * SIZES[1:]
-    dataset = Dataset([observed, observed], Coloured(RINGING), lambda o: (nuisance(o)[0][:, 1:], SIZES[1:]))
+    dataset = Dataset([observed, observed], ColouredNoise(RINGING), lambda o: (nuisance(o)[0][:, 1:], SIZES[1:]))
     assert dataset.log_volume == pytest.approx(2 * np.log1p(np.linalg.eigvalsh(added.T @ added)).sum(), rel=1e-9)
 
 
@@ -113,7 +113,7 @@ def test_a_column_that_a_gap_hides_changes_nothing() -> None:
         return np.hstack([offset(observation)[0], hidden]), np.array([np.inf, 2.0])
 
     observed = gapped(np.cos(T))
-    plain, padded = (Dataset([observed], Coloured(RINGING), shapes) for shapes in (offset, more))
+    plain, padded = (Dataset([observed], ColouredNoise(RINGING), shapes) for shapes in (offset, more))
     costs = [float(np.sum(dataset.whitened(dataset.records[0], T) ** 2)) for dataset in (plain, padded)]
     assert costs[1] == pytest.approx(costs[0], rel=1e-12)
     left = [dataset.remainder(dataset.records[0], T) for dataset in (plain, padded)]
@@ -178,7 +178,7 @@ def staged(names: tuple[str, ...]) -> Staged:
 
 def problem(names: tuple[str, ...] = ("one", "two", "three"), **known: tuple[float, float]) -> Problem:
     model = staged(names)
-    dataset = Dataset([gapped(oscillation(TRUTH, T), name) for name in names], Coloured(RINGING), nuisance)
+    dataset = Dataset([gapped(oscillation(TRUTH, T), name) for name in names], ColouredNoise(RINGING), nuisance)
     return Problem(dataset, model, coordinates(model, [p.name for p in model.every], known))
 
 

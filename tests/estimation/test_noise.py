@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from flexdesign.estimation.noise.autoregressive import Colour, colour
+from flexdesign.estimation.noise.autoregressive import Autocorrelation, estimate_autocorrelation
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.toys import Run, ar1
 
@@ -19,7 +19,7 @@ def test_quadratic_form_is_that_of_the_correlation_matrix(rho: float) -> None:
     n = 120
     columns = np.random.default_rng(0).standard_normal((n, 3))
     matrix = toeplitz(rho ** np.arange(n))
-    found = Colour(np.array([1.0, -rho]), n)
+    found = Autocorrelation(np.array([1.0, -rho]), n)
     assert found.quadratic(columns) == pytest.approx(columns.T @ matrix @ columns, rel=1e-4, abs=1e-3)
     assert found.inflation == pytest.approx((1 + rho**2) / (1 - rho**2), rel=1e-4)
 
@@ -27,7 +27,7 @@ def test_quadratic_form_is_that_of_the_correlation_matrix(rho: float) -> None:
 def test_white_residuals_are_found_white_and_counted_one_by_one() -> None:
     """An order too many costs log(400) = 6: chi^2 of one degree exceeds it once in 70, and there are a few orders."""
     residuals = np.random.default_rng(0).standard_normal((300, 400))
-    white = [colour(residual) for residual in residuals]
+    white = [estimate_autocorrelation(residual) for residual in residuals]
     assert np.mean([c.is_white for c in white]) > 0.94
     chosen = next(c for c in white if c.is_white)
     assert chosen.inflation == 1.0
@@ -42,14 +42,14 @@ def test_coefficients_of_a_long_record_are_recovered() -> None:
     drive = rng.standard_normal(len(x))
     for k in range(2, len(x)):
         x[k] = drive[k] - a1 * x[k - 1] - a2 * x[k - 2]
-    found = colour(x[1000:])
+    found = estimate_autocorrelation(x[1000:])
     assert found.coefficients[:3] == pytest.approx([1.0, a1, a2], abs=4 * math.sqrt((1 - a2**2) / len(x)))
 
 
 def test_short_and_vanishing_residuals_are_taken_for_white() -> None:
-    assert colour(ar1(np.random.default_rng(0), 20, 1.0, 0.9)).is_white
-    assert colour(np.zeros(100)).is_white
-    assert colour(np.zeros(0)).is_white
+    assert estimate_autocorrelation(ar1(np.random.default_rng(0), 20, 1.0, 0.9)).is_white
+    assert estimate_autocorrelation(np.zeros(100)).is_white
+    assert estimate_autocorrelation(np.zeros(0)).is_white
 
 
 def test_white_noise_divides() -> None:

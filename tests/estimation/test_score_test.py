@@ -16,7 +16,7 @@ from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
 from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
+from flexdesign.estimation.noise.whitening import ColouredNoise, White, Whitening
 from tests.estimation.sums import (
     NAMES,
     N,
@@ -108,7 +108,7 @@ def test_a_large_move_is_made_smaller(power: int) -> None:
 # --- promises -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("of", [White(0.3), Coloured(SLOW)], ids=["white", "slow"])
+@pytest.mark.parametrize("of", [White(0.3), ColouredNoise(SLOW)], ids=["white", "slow"])
 def test_a_promise_is_the_fall_of_the_cost(of: Whitening) -> None:
     """Where all is linear the score statistic is exact, whatever the trial's strength."""
     rng = np.random.default_rng(0)

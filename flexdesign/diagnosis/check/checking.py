@@ -9,14 +9,14 @@ import numpy as np
 
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.check import coverage, suspicion
-from flexdesign.diagnosis.check.coverage import Shown
+from flexdesign.diagnosis.check.coverage import Coverage
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.diagnosis.check.tables import TableFacts
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split
 
 #: How long a stage rings after its command has come to rest, where no model says it [s].
-SETTLE = 0.2
+SETTLING_TIME = 0.2
 #: A response has several samples in each period of what it does; fewer bend every sine.
 FEWEST_PER_PERIOD = 8
 
@@ -102,7 +102,7 @@ class Check:
 
     recordings: tuple[Recorded, ...]
     suspicions: tuple[Suspicion, ...]
-    shown: tuple[Shown, ...]
+    shown: tuple[Coverage, ...]
     noise: dict[str, str]
     tables: tuple[TableFacts, ...] = ()
 
@@ -145,23 +145,23 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     roles = {
         run.name: " and ".join(part.role for part in parts if part.name.partition(":")[0] == run.name) for run in runs
     }
-    there = [_recorded(run, roles[run.name], floors) for run in runs] + [_lines(each) for each in responses]
+    there = [_recorded_run(run, roles[run.name], floors) for run in runs] + [_lines(each) for each in responses]
     order = {each.name: number for number, each in enumerate(recordings)}
     there.sort(key=lambda each: order[each.name])
     return Check(
         tuple(there),
         tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
-        coverage.shown(list(kinds)),
+        coverage.coverage(list(kinds)),
         {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
         tuple(tables),
     )
 
 
 def _noise(runs: Sequence[Run], axis: str) -> NoiseFloor:
-    return noise_floor([run for run in runs if axis in run.columns], axis, settling_time=SETTLE)
+    return noise_floor([run for run in runs if axis in run.columns], axis, settling_time=SETTLING_TIME)
 
 
-def _recorded(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
+def _recorded_run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
     channels = []
     for name, values in run.columns.items():
         there = values[np.isfinite(values)]

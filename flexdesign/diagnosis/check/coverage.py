@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.diagnosis.experiment_design.signature import WORDS, named
+from flexdesign.diagnosis.experiment_design.signature import WORDS, names_kind
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ LEVELS, TURNS = 4, 3
 #: A temperature that changes by so much [K] shows what heat does.
 WARMER = 0.5
 #: What the catalogue calls each kind, in words of the result.
-SAID = {
+KIND_TEXTS = {
     "quiet": "a quiet stretch",
     "steps": "steps",
     "multisine": "a broad band of frequencies",
@@ -44,7 +44,7 @@ SAID = {
 
 
 @dataclass(frozen=True)
-class Shown:
+class Coverage:
     """Whether recordings can reveal an effect.
 
     Parameters
@@ -62,20 +62,20 @@ class Shown:
     lacking: str = ""
 
 
-def shown(kinds: Sequence[str]) -> tuple[Shown, ...]:
+def coverage(kinds: Sequence[str]) -> tuple[Coverage, ...]:
     """Return what some kinds of experiment reveal of every effect of the catalogue that acts in time."""
     found = []
     for name in effects.names():
         effect = effects.find(name)
         if effect.acts_in_time:
             there = tuple(kind for kind in WORDS if kind in kinds and _reveals(kind, effect.reveal))
-            found.append(Shown(name, there, "" if there else effect.reveal))
+            found.append(Coverage(name, there, "" if there else effect.reveal))
     return tuple(found)
 
 
 def _reveals(kind: str, reveal: str) -> bool:
     """Tell whether a kind of experiment reveals what the catalogue says: steps, too, make a stage ring."""
-    return named(reveal, kind) or (kind == "steps" and ("resonance" in reveal or "a step recorded" in reveal))
+    return names_kind(reveal, kind) or (kind == "steps" and ("resonance" in reveal or "a step recorded" in reveal))
 
 
 def kinds_of(recording: Run | FrequencyResponse) -> tuple[str, ...]:

@@ -68,7 +68,7 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
     matrix, target = matrix[usable], y[rows][usable]
     if len(target) < 20 * order or np.linalg.matrix_rank(matrix) < matrix.shape[1]:
         return None
-    weights, errors = _fitted(matrix, target)
+    weights, errors = _least_squares(matrix, target)
     sent_weights, sent_errors = weights[order : 2 * order + 2], errors[order : 2 * order + 2]
     clear = np.abs(sent_weights) > CLEAR * sent_errors
     large = clear & (np.abs(sent_weights) > NONE * np.abs(sent_weights).max())
@@ -80,7 +80,7 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
     return Timing(False, False if large[1] else None)
 
 
-def _fitted(matrix: Array, target: Array) -> tuple[Array, Array]:
+def _least_squares(matrix: Array, target: Array) -> tuple[Array, Array]:
     """Return weights of a least-squares fit, and their standard errors."""
     weights, *_ = np.linalg.lstsq(matrix, target, rcond=None)
     residual = target - matrix @ weights

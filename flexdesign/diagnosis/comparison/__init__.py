@@ -5,7 +5,7 @@
 
 from flexdesign.diagnosis.comparison.compare import Comparison, RunComparison, compare
 from flexdesign.diagnosis.comparison.error_location import Breakdown, Part, holds, where
-from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, by_band, joined
+from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, by_band, join_halves
 
 __all__ = [
     "Breakdown",
@@ -16,6 +16,6 @@ __all__ = [
     "by_band",
     "compare",
     "holds",
-    "joined",
+    "join_halves",
     "where",
 ]

@@ -211,7 +211,7 @@ def compare(
     for run in seen:
         progress(f"predicting {run.name}")
         observed.append(dynamics.comparable(run))
-        comparisons.append(compared(dynamics, run, noise.rms[run.name], stroke))
+        comparisons.append(compare_run(dynamics, run, noise.rms[run.name], stroke))
     progress("looking where it fails")
     residuals = {run.name: run.residual for run in comparisons}
     predictions = {run.name: run.predicted for run in comparisons}
@@ -227,7 +227,7 @@ def compare(
     )
 
 
-def compared(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float | None = None) -> RunComparison:
+def compare_run(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float | None = None) -> RunComparison:
     """Compare a run with the prediction of a model, the offset of the sensor removed, where both compare.
 
     Parameters

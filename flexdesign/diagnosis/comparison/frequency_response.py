@@ -120,7 +120,7 @@ def compared_lines(
     )
 
 
-def joined(
+def join_halves(
     responses: Sequence[FrequencyResponse], left: Mapping[str, Array], noise: Mapping[str, LineNoise]
 ) -> tuple[ResponseComparison, ...]:
     """Return frequency responses and the residuals of a fit; both halves of one are joined.

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 FALLS = 0.5
 
 
-def restored(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:
+def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:
     """Return a table with the signs that its model expects, and a remark for each that was turned."""
     remarks: list[str] = []
     while found := _best(model, table):

@@ -66,7 +66,7 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
     """
     signed, remarks = table, list[str]()
     if any(row.load is not None for row in table.rows):
-        signed, lost = lost_signs.restored(model, table)
+        signed, lost = lost_signs.restore_signs(model, table)
         remarks += lost
     predicted = model.predict(signed)
     plausible = _believable(signed, predicted)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 #: Velocities are counted in this share of stroke times natural frequency; dry friction turns at a tenth of it.
 SLOW = 0.1
 #: Where thresholds are tried, in shares of the stroke.
-KNEES = (0.15, 0.3, 0.5, 0.7, 0.85)
+THRESHOLDS = (0.15, 0.3, 0.5, 0.7, 0.85)
 #: Numbers of bumps over the band of frequency responses, and lines for each at least; how broad each is, as a standard
 #: deviation in distances to the next.
 BUMPS, FEWEST_LINES, BROAD = (6, 12, 24, 48), 4, 0.6
@@ -98,7 +98,7 @@ class BasisFunctions:
         v = np.gradient(x, run.period) / fast
         u = self.model.command(run) / self.model.max_command
         powers = {f"position^{k}": x**k for k in (2, 3, 4)}
-        knees = {f"position beyond {100 * knee:.0f} %": np.maximum(x - knee, 0.0) for knee in KNEES}
+        knees = {f"position beyond {100 * knee:.0f} %": np.maximum(x - knee, 0.0) for knee in THRESHOLDS}
         moving = {"velocity": v, "velocity^2": v**2, "velocity |velocity|": v * np.abs(v), "velocity^3": v**3}
         dry = {"sign of velocity": np.tanh(10 * v), "position x velocity": x * v, "position^2 x velocity": x**2 * v}
         of_voltage = {f"voltage^{k}": u**k for k in (1, 2, 3)} | {"voltage x position": u * x}

@@ -20,7 +20,7 @@ from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
-IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
+NAMED_BY_CALIBRATION = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass distinguishes from the others.
 LOADED = "payload_mass"
 #: A delay of the sensor.
@@ -85,7 +85,11 @@ def candidates(
         sines and nothing else. Modes are then tried all over the band.
     """
     made = []
-    left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE, *(() if swings else INERTIAL))
+    left_out = (
+        *(name for name in NAMED_BY_CALIBRATION if not (loaded and name == LOADED)),
+        *NOISE,
+        *(() if swings else INERTIAL),
+    )
     several = [each for name in effects.names() for each in effects.again(name)]
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effects.find(name))):
@@ -142,7 +146,7 @@ def candidate_of(
     else:
         own = [with_it[f"{name}.{p.name}"] for p in effect.parameters]
     if band is not None:
-        own = [replace(p, screen=_over(p, band)) if p.screen else p for p in own]
+        own = [replace(p, screen=_values_in_band(p, band)) if p.screen else p for p in own]
     strength = next(p for p in own if p.null is not None)
     power = fields.POWER_LAWS.get(name, ("", ()))[0]
     free = tuple(p.name for p in own if not p.per_run and p.name.rpartition(".")[2] != power)
@@ -161,7 +165,7 @@ def candidate_of(
     )
 
 
-def _over(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
+def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
     """Return the values at which a number is tried in a band: frequencies all over it, delays of some phase at its end.
 
     >>> [round(value, 6) for value in _over(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))]

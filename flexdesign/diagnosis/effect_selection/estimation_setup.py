@@ -43,7 +43,7 @@ EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 #: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is
 #: all there is: it would be late by many samples for the lag that the model lacks. Several that are all late share a
 #: delay.
-BELIEVED = 4.0
+PRIOR_BOUND = 4.0
 #: A plausible change of a number of which nothing is known, relative.
 CHANGE = 0.3
 #: What is said where nobody stated what a command does between its samples, by what fits better than straight lines.
@@ -150,7 +150,7 @@ def case_of(
         each=each,
         progress=progress,
         noise_rms=data.known_noise_rms,
-        prior_bound=BELIEVED if data.is_one_record or not data.noise.known else math.inf,
+        prior_bound=PRIOR_BOUND if data.is_one_record or not data.noise.known else math.inf,
         null_errors=data.null_errors,
         weights=line_weights(data),
         scales=data.scales,

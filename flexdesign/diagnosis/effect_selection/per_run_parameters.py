@@ -224,14 +224,14 @@ def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, na
         before.fitted_chi2 - after.fitted_chi2 > float(chdtri(dof[0], level)) * after.discrepancy
         and explained_share(errors[0], errors[1], task.noise_rms) > SHARE
         and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
-        and _foretold(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
+        and _predicted_gain(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
     )
 
 
 # --- cross-validation -----------------------------------------------------------------------------------------------
 
 
-def _foretold(task: EstimationTask, fit: FittedModel, name: str) -> float:
+def _predicted_gain(task: EstimationTask, fit: FittedModel, name: str) -> float:
     """Return by how much chi^2 of a half of each validation run falls with the deviation that its other half has.
 
     Each half with the offset of the other one; all other numbers of the run are as they were fitted to it.
@@ -247,7 +247,7 @@ def _foretold(task: EstimationTask, fit: FittedModel, name: str) -> float:
         change = np.asarray(model.replace({f"{run.name}:{name}": there + size}).predict(run)) - model.predict(run)
         left = np.where(record.present, fit.residuals_by_run[run.name] + change * there / size, 0.0)
         table = np.column_stack([np.ones_like(change), change, left])
-        halves = [_whitened(task, run, model.name, table, half) for half in _halves(change, record.present)]
+        halves = [_whiten(task, run, model.name, table, half) for half in _halves(change, record.present)]
         for taught, asked in (halves, reversed(halves)):
             known = np.vstack([taught, [0.0, 1.0, 0.0]])  # of a deviation its size is known
             both = np.linalg.lstsq(known[:, :2], known[:, 2], rcond=None)[0]
@@ -263,7 +263,7 @@ def _halves(change: Array, present: NDArray[np.bool_]) -> list[NDArray[np.bool_]
     return [present & (energy <= energy[-1] / 2), present & (energy > energy[-1] / 2)]
 
 
-def _whitened(task: EstimationTask, run: Run, axis: str, table: Array, rows: NDArray[np.bool_]) -> Array:
+def _whiten(task: EstimationTask, run: Run, axis: str, table: Array, rows: NDArray[np.bool_]) -> Array:
     """Return columns whitened as a record of a run with gaps wherever nothing is kept."""
     part = replace(run, columns={**run.columns, axis: np.where(rows, run.measured(), np.nan)})
     return np.asarray(task.validate.noise.whiten(part, table * rows[:, None]))

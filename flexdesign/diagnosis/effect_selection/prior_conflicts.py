@@ -94,7 +94,7 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
             found.append(_gain_shift(data, words, ratio, sorted(ends)))
         else:
             found.append(Conflict(words, (), None, lambda model: model, name))
-    more = (_delay_shift(data, fit), _quantised(data))
+    more = (_delay_shift(data, fit), _quantisation(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
 
 
@@ -168,7 +168,7 @@ def _frequency_shift(
             faster["gain"] = model.axis.gain * ratio**2
         return _with(model.replace(faster), name, {"ratio": numbers[0]})
 
-    return Conflict(words, group, _named(name, "ratio", numbers), written, "natural_frequency")
+    return Conflict(words, group, _identified_effect(name, "ratio", numbers), written, "natural_frequency")
 
 
 def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]) -> Conflict:
@@ -178,7 +178,7 @@ def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]
     def written(model: AxisDynamics) -> AxisDynamics:
         return _with(model.replace({"gain": axis.gain}), "sensor_gain", {"error": numbers[0]})
 
-    return Conflict(words, ("sensor_gain",), _named("sensor_gain", "error", numbers), written, "gain")
+    return Conflict(words, ("sensor_gain",), _identified_effect("sensor_gain", "error", numbers), written, "gain")
 
 
 def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
@@ -215,7 +215,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     return Conflict(words, (effect,), named, lambda model: model.replace({number: total}), TRIGGER)
 
 
-def _quantised(data: DiagnosisData) -> Conflict | None:
+def _quantisation(data: DiagnosisData) -> Conflict | None:
     """Return what it means that readings come in coarse steps."""
     step = data.coarse_step
     if step is None:
@@ -244,7 +244,7 @@ def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDy
     return replace(model, axis=replace(model.axis, effects=effects_))
 
 
-def _named(name: str, key: str, numbers: list[float]) -> IdentifiedEffect:
+def _identified_effect(name: str, key: str, numbers: list[float]) -> IdentifiedEffect:
     parameter: Parameter = next(p for p in effects.find(name).parameters if p.name == key)
     low, high = sorted(numbers[1:])
     return IdentifiedEffect(name, (Value(replace(parameter, name=f"{name}.{key}"), numbers[0], (low, high)),), 0.0)

@@ -9,13 +9,19 @@ from flexdesign.diagnosis.experiment_design.discrimination import (
     resolve_effects,
 )
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, on, reading
-from flexdesign.diagnosis.experiment_design.experiments import elsewhere, suite_of
-from flexdesign.diagnosis.experiment_design.limits import Asked, Limits, axis, dynamics, of_axis, refuse_unlimited
+from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
+from flexdesign.diagnosis.experiment_design.limits import (
+    Limits,
+    StatedLimits,
+    axis,
+    dynamics,
+    of_axis,
+    require_slew_limit,
+)
 from flexdesign.diagnosis.experiment_design.signature import EffectResponse, Signature, signature_of
 
 __all__ = [
     "NOISE",
-    "Asked",
     "Command",
     "EffectAtStrength",
     "EffectResponse",
@@ -23,13 +29,14 @@ __all__ = [
     "Resolved",
     "Separation",
     "Signature",
+    "StatedLimits",
     "axis",
     "dynamics",
-    "elsewhere",
     "of_axis",
     "on",
+    "other_excitations",
     "reading",
-    "refuse_unlimited",
+    "require_slew_limit",
     "required_experiments",
     "resolve_effects",
     "signature_of",

@@ -123,7 +123,7 @@ def resolve_effects(
     standard = next(command for command in experiments if command.name == STANDARD)
     one = _visible(first, standard, experiments)
     target = reading(first.at(one), standard)
-    other = _alike(second, standard, target, experiments)
+    other = _closest_strength(second, standard, target, experiments)
     found = [_separation(command, first.at(one), second.at(other), noise) for command in experiments]
     left = next(each.difference for each in found if each.command is standard)
     words = " ".join(effects.find(name).reveal for name in names)
@@ -154,7 +154,7 @@ def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
     """Return the place of an experiment: among equals those come first that the effects' own words name."""
     seen = each.over_noise
     place = math.floor(math.log(seen) / math.log(signature.EQUALLY_GOOD)) if 0 < seen < math.inf else -math.inf
-    return place, signature.named(reveal, each.command.kind), seen
+    return place, signature.names_kind(reveal, each.command.kind), seen
 
 
 def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[Command]) -> float:
@@ -175,7 +175,9 @@ def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[
     return signature.signature_of(effect, experiments).strength
 
 
-def _alike(effect: EffectAtStrength, standard: Command, target: Array, experiments: Sequence[Command]) -> float:
+def _closest_strength(
+    effect: EffectAtStrength, standard: Command, target: Array, experiments: Sequence[Command]
+) -> float:
     """Return the strength at which an effect comes closest to a target on the standard multisine.
 
     From its visible strength on, of either sign where both are plausible, by golden section over the logarithm.
@@ -186,7 +188,7 @@ def _alike(effect: EffectAtStrength, standard: Command, target: Array, experimen
     low, high = effect.strength.plausible
 
     def off(strength: float) -> float:
-        return rms((target - _refitted(effect.at(strength), standard, target))[steady(standard)])
+        return rms((target - _refit(effect.at(strength), standard, target))[steady(standard)])
 
     best = visible
     for sign in (1.0, -1.0):
@@ -203,7 +205,7 @@ def _alike(effect: EffectAtStrength, standard: Command, target: Array, experimen
     return best
 
 
-def _refitted(model: AxisDynamics, command: Command, target: Array) -> Array:
+def _refit(model: AxisDynamics, command: Command, target: Array) -> Array:
     """Return a reading with the gain, offset and damping that bring it closest to a target; NaN if it runs away."""
     found = reading(model, command)
     if command.push:  # its force is known, and so is what the sensor reads at rest
@@ -229,6 +231,6 @@ def _refitted(model: AxisDynamics, command: Command, target: Array) -> Array:
 
 def _separation(command: Command, first: AxisDynamics, second: AxisDynamics, noise: float) -> Separation:
     one = reading(first, command)
-    other = _refitted(second, command, one)
+    other = _refit(second, command, one)
     difference = rms((one - other)[steady(command)])
     return Separation(command, one, other, difference, difference / noise)

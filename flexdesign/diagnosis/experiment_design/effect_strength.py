@@ -121,7 +121,7 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
         cleared = model.replace({elsewhere: 0.0 if own.null is None else own.null})
         without, key, known = _fresh(cleared, cleared.axis), elsewhere, own
         return EffectAtStrength(name, without, without.with_effect(effect, name), known, key)
-    without = _fresh(model, _cleared(model.axis, effect, name))
+    without = _fresh(model, _without_effect(model.axis, effect, name))
     added, key = without.with_effect(effect, name), f"{name}.{own.name}"
     return EffectAtStrength(name, without, added, next(p for p in added.parameters() if p.name == key), key)
 
@@ -130,7 +130,7 @@ def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
     return AxisDynamics(model.name, axis, model.max_command, EXACT, delay=model.delay)
 
 
-def _cleared(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
+def _without_effect(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
     """Return the axis without an effect, and without others in its place if it is a hysteresis."""
 
     def is_hysteresis(each: Effect) -> bool:

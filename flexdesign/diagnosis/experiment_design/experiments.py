@@ -111,7 +111,7 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
     return (*made, _added_mass(model.axis, same))
 
 
-def elsewhere(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
+def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
     """Return experiments in which something else than the command acts: a push, another axis, the temperature.
 
     They belong to the menu of what can distinguish effects; no command file can do them alone.

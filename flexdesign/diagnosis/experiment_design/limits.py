@@ -81,7 +81,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Asked:
+class StatedLimits:
     """What a user states about the bench; None where the model is to say.
 
     Parameters
@@ -122,7 +122,7 @@ def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
     return AxisDynamics(name, model.axes[name], max_command, EXACT, delay=model.controller.delay)
 
 
-def of_axis(model: StageModel, name: str, asked: Asked | None = None) -> Limits:
+def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> Limits:
     """Return what the commands of an axis keep to: the narrower of what model and user say.
 
     Raises
@@ -132,7 +132,7 @@ def of_axis(model: StageModel, name: str, asked: Asked | None = None) -> Limits:
         capacitance, sampling or bandwidth do not reach above the resonance, or the slew limit is finer than the grid
         of the commands.
     """
-    asked, axis, file = asked or Asked(), model.axes[name], f"{model.name or 'stage model'}.toml"
+    asked, axis, file = asked or StatedLimits(), model.axes[name], f"{model.name or 'stage model'}.toml"
     origin: dict[str, str] = {}
     low, high = _volts(axis, name, file, asked, origin)
     capacitance = None
@@ -148,7 +148,7 @@ def of_axis(model: StageModel, name: str, asked: Asked | None = None) -> Limits:
     return Limits(low, high, slew, bandwidth, rate, capacitance, origin)
 
 
-def refuse_unlimited(model: StageModel, name: str, limits: Limits) -> None:
+def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
     """Refuse to plan for a bench of which nobody said how fast its voltage may change: stacks crack, drivers trip.
 
     Raises
@@ -168,7 +168,7 @@ def refuse_unlimited(model: StageModel, name: str, limits: Limits) -> None:
     raise InputError(f"{model.name or 'stage model'}.toml", f"axis.{name}.driver.slew", None, remedy)
 
 
-def _volts(axis: AxisModel, name: str, file: str, asked: Asked, origin: dict[str, str]) -> tuple[float, float]:
+def _volts(axis: AxisModel, name: str, file: str, asked: StatedLimits, origin: dict[str, str]) -> tuple[float, float]:
     low, high = stages.command_limits(axis)
     origin["volts"] = f"axis.{name}.actuator.voltage_range and driver.limits"
     if asked.volts is not None:
@@ -190,7 +190,7 @@ def _volts(axis: AxisModel, name: str, file: str, asked: Asked, origin: dict[str
 
 
 def _slew(
-    axis: AxisModel, name: str, file: str, asked: Asked, capacitance: float | None, origin: dict[str, str]
+    axis: AxisModel, name: str, file: str, asked: StatedLimits, capacitance: float | None, origin: dict[str, str]
 ) -> float:
     limits = {f"axis.{name}.driver.slew": axis.driver.slew / abs(axis.driver.gain)}
     if asked.slew is not None:
@@ -204,7 +204,7 @@ def _slew(
     return limits[origin["slew"]]
 
 
-def _bandwidth(axis: AxisModel, asked: Asked, rate: float, file: str, origin: dict[str, str]) -> float:
+def _bandwidth(axis: AxisModel, asked: StatedLimits, rate: float, file: str, origin: dict[str, str]) -> float:
     highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
     wanted, nyquist = ABOVE * highest, BELOW_NYQUIST * rate
     if nyquist < wanted:

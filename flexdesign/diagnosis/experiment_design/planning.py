@@ -12,8 +12,8 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design import command_files, limits
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import NOISE, Resolved, required_experiments, resolve_effects
-from flexdesign.diagnosis.experiment_design.experiments import elsewhere, suite_of
-from flexdesign.diagnosis.experiment_design.limits import Asked, Limits
+from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
+from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
 #: The slew rate of a bench on which nothing limits how fast the voltage may change.
@@ -101,31 +101,31 @@ def plan_experiments(model: StageModel, request: Request, progress: Callable[[st
     """
     chosen = limits.axis(model, request.axis)
     axis = model.axes[chosen]
-    asked = Asked(
+    asked = StatedLimits(
         None if request.volts is None else (_number("--volts", request.volts[0], "V"),
                                             _number("--volts", request.volts[1], "V")),
-        math.inf if request.slew == NO_LIMIT else _given("--slew", request.slew, "V/s"),
-        _given("--current", request.current, "A"),
-        _given("--bandwidth", request.bandwidth, "Hz"),
-        _given("--rate", request.rate, "Hz"),
+        math.inf if request.slew == NO_LIMIT else _stated_value("--slew", request.slew, "V/s"),
+        _stated_value("--current", request.current, "A"),
+        _stated_value("--bandwidth", request.bandwidth, "Hz"),
+        _stated_value("--rate", request.rate, "Hz"),
     )  # fmt: skip
-    noise = _given("--sensor-noise", request.sensor_noise, axis.response) or axis.sensor.noise or None
+    noise = _stated_value("--sensor-noise", request.sensor_noise, axis.response) or axis.sensor.noise or None
     limits_ = limits.of_axis(model, chosen, asked)
     if request.slew is None:
-        limits.refuse_unlimited(model, chosen, limits_)
+        limits.require_slew_limit(model, chosen, limits_)
     progress("shaping the commands")
     dynamics = limits.dynamics(model, chosen, limits_)
     commands, resolved = suite_of(dynamics, limits_, request.seed), None
     if request.resolve:
         progress(f"simulating {request.resolve[0]} and {request.resolve[1]}")
-        menu = [*commands, *elsewhere(dynamics, limits_)]
+        menu = [*commands, *other_excitations(dynamics, limits_)]
         resolved = resolve_effects(dynamics, request.resolve, menu, noise or NOISE * dynamics.stroke)
         commands = required_experiments(commands, resolved)
     title = f"{model.title or model.name}: axis {chosen} on the bench"
     return Plan(title, chosen, axis, commands, limits_, resolved, noise)
 
 
-def _given(option: str, text: str | None, si: str) -> float | None:
+def _stated_value(option: str, text: str | None, si: str) -> float | None:
     return _number(option, text, si) if text else None
 
 

@@ -114,7 +114,7 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
         for command, before in zip(experiments, without, strict=True)
     ]
     finite = [each for each in seen if math.isfinite(each.change)]
-    return Signature(effect, strength, stroke, tuple(_ordered(finite, effects.find(effect.name).reveal)))
+    return Signature(effect, strength, stroke, tuple(_sort(finite, effects.find(effect.name).reveal)))
 
 
 def _columns(name: str) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ def _columns(name: str) -> tuple[str, ...]:
     return tuple(column for face in faces if isinstance(face, Disturbance) for column in face.columns)
 
 
-def named(reveal: str, kind: str) -> bool:
+def names_kind(reveal: str, kind: str) -> bool:
     """Tell whether an effect's own words name a kind of experiment.
 
     >>> named("a step held for a hundred seconds or more", "hold"), named("a quiet record", "triangle")
@@ -132,7 +132,7 @@ def named(reveal: str, kind: str) -> bool:
     return any(word in reveal for word in WORDS.get(kind, ()))
 
 
-def _ordered(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
+def _sort(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
     """Return experiments by what they show: those that the effect's own words name first, if they do show it.
 
     What counts is what a new gain does not take up, unless the effect is one of gain.
@@ -143,6 +143,6 @@ def _ordered(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse
     def rank(each: EffectResponse) -> tuple[bool, float]:
         change = each.change if is_gain else each.left
         place = math.floor(math.log(change) / math.log(EQUALLY_GOOD)) if change > 0 else -math.inf
-        return named(reveal, each.command.kind) and each.change >= SHOWN * largest, place
+        return names_kind(reveal, each.command.kind) and each.change >= SHOWN * largest, place
 
     return sorted(seen, key=rank, reverse=True)  # stable: the order of plainness among equals

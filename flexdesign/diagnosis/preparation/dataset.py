@@ -21,7 +21,7 @@ from flexdesign.dynamics.axis.axis_run import is_at_stack, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured, Whitening
+from flexdesign.estimation.noise.whitening import ColouredNoise, Whitening
 from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
@@ -118,8 +118,8 @@ class DiagnosisData:
         if self.coarse_step is None:
             return None
         seen = {run.name: run for run in self.runs if run.name in fit.residuals_by_run}
-        made = quantisation_noise.rounded(seen, self.noise.whitening, fit.residuals_by_run, self.coarse_step)
-        noise = Coloured(
+        made = quantisation_noise.add_rounding(seen, self.noise.whitening, fit.residuals_by_run, self.coarse_step)
+        noise = ColouredNoise(
             {run.name: (made if run.name in seen else self.noise.whitening).process(run.name) for run in self.runs}
         )
         return Mixed(noise, self.lines) if self.lines else noise
@@ -252,7 +252,7 @@ def prepare(
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
-        white = Coloured(Process(np.zeros(0), stated))
+        white = ColouredNoise(Process(np.zeros(0), stated))
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
     noise = _of_blocks(noise, seen)
     first = DiagnosisData(name, its, seen, noise, 0.0, _known(its))
@@ -300,7 +300,7 @@ def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
     """Return the noise with that of blocks of a record under their own names, too."""
     records = {run.name: run.name if run.name in noise.rms else run.name.rpartition(":")[0] for run in runs}
     processes = {name: noise.whitening.process(record) for name, record in records.items()}
-    return replace(noise, whitening=Coloured(processes), rms={n: noise.rms[r] for n, r in records.items()})
+    return replace(noise, whitening=ColouredNoise(processes), rms={n: noise.rms[r] for n, r in records.items()})
 
 
 def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.estimation.noise.whitening import ColouredNoise
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -40,9 +40,9 @@ def coarse_step(readings: Array, noise: float, resolution: float) -> float | Non
     return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
 
 
-def rounded(
-    runs: Mapping[str, Run], noise: Coloured, residuals: Mapping[str, Array], step: float, seed: int = 0
-) -> Coloured:
+def add_rounding(
+    runs: Mapping[str, Run], noise: ColouredNoise, residuals: Mapping[str, Array], step: float, seed: int = 0
+) -> ColouredNoise:
     """Return noise with the rounding that the predicted motion goes through, run by run.
 
     Parameters
@@ -59,15 +59,22 @@ def rounded(
         Of the noise beneath the steps.
     """
     realisations = list(errors(runs, noise, residuals, step, DRAWS, seed))
-    return Coloured({name: _process([each[name][np.isfinite(each[name])] for each in realisations]) for name in runs})
+    return ColouredNoise(
+        {name: _process([each[name][np.isfinite(each[name])] for each in realisations]) for name in runs}
+    )
 
 
 def errors(
-    runs: Mapping[str, Run], noise: Coloured, residuals: Mapping[str, Array], step: float, count: int, seed: int = 0
+    runs: Mapping[str, Run],
+    noise: ColouredNoise,
+    residuals: Mapping[str, Array],
+    step: float,
+    count: int,
+    seed: int = 0,
 ) -> Iterator[dict[str, Array]]:
     """Yield by how much readings differ from the predicted motion that they are rounded from, run by run; NaN at gaps.
 
-    Parameters are those of `rounded`, and how often it is drawn.
+    Parameters are those of `add_rounding`, and how often it is drawn.
     """
     rng = np.random.default_rng(seed)
     for _ in range(count):

@@ -19,7 +19,7 @@ from flexdesign.measurements.recordings import Run
 ENOUGH, LONG = 12_000, 40_000
 
 
-def truncated(data: DiagnosisData) -> DiagnosisData | None:
+def truncate(data: DiagnosisData) -> DiagnosisData | None:
     """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut."""
     lengths = sorted(len(run.time) for run in data.runs)
     if sum(lengths) < LONG or not data.noise.known:

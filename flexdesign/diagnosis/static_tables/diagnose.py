@@ -100,29 +100,29 @@ def diagnose(
     names = [name for name in (*statics.names(), *more) if name not in (*model.effects, *elsewhere)]
     candidates = [case for name in names for case in cases(model, name, before.table)]
     progress("trying every effect")
-    tried = singles = _sorted(fit_with(before, case) for case in candidates)
+    tried = singles = _sort(fit_with(before, case) for case in candidates)
     nearest, explanations = before, list[Trial]()
     if not before.is_adequate:
         last = (*LAST, *(LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
-        every = _answers(before, singles, len(singles))
-        first = _answers(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
+        every = _accepted_trials(before, singles, len(singles))
+        first = _accepted_trials(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
         explanations = first or every
         unlikely = {
             statics.find(trial.names[0]).name.replace("_", " ") for trial in every if first and trial not in first
         }
         remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(unlikely))
-        nearest = next((trial for trial in singles if trial.counts_beside(before, len(singles))), before)
+        nearest = next((trial for trial in singles if trial.is_significant_against(before, len(singles))), before)
     if not (before.is_adequate or explanations):
         # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
         often = [c for c in candidates if not {*c} & {*LAST_OF_SEVERAL} or not any(r.load for r in table.rows)]
-        pairs = _sorted(fit_with(before, pair) for pair in _pairs(often, progress))
+        pairs = _sort(fit_with(before, pair) for pair in _pairs(often, progress))
         # Two causes, of which one contradicts the design, are believed of nothing.
         sound = [trial for trial in pairs if not trial.excess_modulus(before)]
-        explanations, tried = _answers(nearest, sound, len(pairs)), [*singles, *pairs]
+        explanations, tried = _accepted_trials(nearest, sound, len(pairs)), [*singles, *pairs]
     best, *alike = explanations or [nearest]
     verdict: Verdict = "effects-found" if explanations else "nothing-missing" if before.is_adequate else "unknown"
     progress("leaving out each row in turn")
-    error_ladder, remarks = _ladder(before, best), (*remarks, *_contradictions(before, explanations))
+    error_ladder, remarks = _error_ladder(before, best), (*remarks, *_contradictions(before, explanations))
     apart = proposals([trial.model for trial in explanations], before.table) if alike else ()
     return TableDiagnosis(verdict, before, best, tuple(alike), tuple(tried), apart, error_ladder, remarks)
 
@@ -139,17 +139,17 @@ def add(
     """
     before, remarks = _before(model, table)
     progress(f"fitting {effect}")
-    trials = _sorted(fit_with(before, case) for case in cases(model, effect, before.table))
+    trials = _sort(fit_with(before, case) for case in cases(model, effect, before.table))
     if not trials:
         remedy = (
             "cannot be fitted: the table does not show it, or it has as many numbers as there are rows; measure more"
         )
         raise InputError("command line", "EFFECT", effect, remedy)
     trial = trials[0]
-    if not trial.counts_beside(before, 1):
+    if not trial.is_significant_against(before, 1):
         remarks += ("the effect lowers the error by no more than chance does: it is not needed",)
     remarks += _contradictions(before, [trial])
-    error_ladder = _ladder(before, trial)
+    error_ladder = _error_ladder(before, trial)
     return TableDiagnosis("effects-found", before, trial, (), (trial,), (), error_ladder, remarks, asked=True)
 
 
@@ -162,12 +162,12 @@ def _pairs(candidates: Sequence[Cases], progress: Callable[[str], None]) -> Iter
             yield pair
 
 
-def _sorted(trials: Iterable[Trial | None]) -> list[Trial]:
+def _sort(trials: Iterable[Trial | None]) -> list[Trial]:
     made = [trial for trial in trials if trial is not None and math.isfinite(trial.cost)]
     return sorted(made, key=lambda trial: trial.cost)
 
 
-def _answers(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
+def _accepted_trials(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
     """Return the trials that count, agree with the table and are indistinguishable, best first.
 
     What the design rules out comes last. Of an effect that was tried with several constants each bears a share of its
@@ -177,7 +177,7 @@ def _answers(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
     for trial in trials:
         if good and trial.cost > good[0].cost + INDISTINGUISHABLE:
             break
-        if trial.counts_beside(before, count) and trial.is_adequate:
+        if trial.is_significant_against(before, count) and trial.is_adequate:
             good.append(trial)
     times = Counter(trial.names for trial in trials)
 
@@ -200,7 +200,7 @@ def _contradictions(before: Trial, explanations: Sequence[Trial]) -> tuple[str, 
     return tuple(f"a modulus off by {100 * e:+.1f} % contradicts the design, {remarks}" for e in excess if e)[:1]
 
 
-def _ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
+def _error_ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
     """Return relative errors, rms: as designed, with what was found, and of rows that the fit then did not see."""
     table, measured = before.table, before.table.measured()
 

@@ -95,7 +95,7 @@ class Trial:
         """Tell whether a comparison of the model with the table agrees."""
         return compare(self.model, self.table).uncertainty.agrees(self.difference, len(self.free))
 
-    def counts_beside(self, less: Trial, candidates: int) -> bool:
+    def is_significant_against(self, less: Trial, candidates: int) -> bool:
         """Tell whether the effects that another lacks lower the sum of squares by more than chance does."""
         more = max(len(self.free) - len(less.free), 1)
         return less.cost - self.cost > float(chdtri(more, LEVEL / max(candidates, 1)))

@@ -95,7 +95,7 @@ class Record:
             raise InputError("fit", self.observation.name, None, remedy)
         return np.where(self.present, self.measured - channels(predicted)[0], 0.0)
 
-    def restored(self, values: Array) -> NDArray[Any]:
+    def reshape(self, values: Array) -> NDArray[Any]:
         """Return n values in the shape and kind of the observation."""
         table = values.reshape(self.channels, -1).T
         if np.iscomplexobj(self.given):
@@ -163,7 +163,7 @@ class Dataset:
 
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
-        vector = self._whitened(record.observation, record.present, difference, record.channels)
+        vector = self._whiten(record.observation, record.present, difference, record.channels)
         padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
         return np.asarray(padded - record.basis @ (record.basis.T @ padded))
 
@@ -179,7 +179,7 @@ class Dataset:
 
     def amounts(self, record: Record, difference: Array) -> Array:
         """Return the amounts of the columns that explain a difference (n, SI) best."""
-        vector = self._whitened(record.observation, record.present, difference, record.channels)
+        vector = self._whiten(record.observation, record.present, difference, record.channels)
         return np.asarray(record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])]))
 
     def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
@@ -192,7 +192,7 @@ class Dataset:
             )
         whitened = np.empty_like(columns)
         for k, column in enumerate(columns.T):
-            whitened[:, k] = self._whitened(observation, present, column * present, count)
+            whitened[:, k] = self._whiten(observation, present, column * present, count)
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
         # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
         lengths = np.linalg.norm(stacked, axis=0)
@@ -211,7 +211,7 @@ class Dataset:
         filled = np.where(present, measured, 0.0)
         return Record(observation, filled, present, columns, sizes, basis, amounts, float(log_volume), given, count)
 
-    def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
+    def _whiten(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
         return np.asarray(self.noise.whiten(observation, difference.reshape(count, -1).T).T.ravel() * present)
 
 

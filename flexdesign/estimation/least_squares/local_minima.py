@@ -16,7 +16,7 @@ from flexdesign.estimation.least_squares.residual_function import Map
 #: A run begins elsewhere where that lowers its chi^2 to less than this share: less is no other minimum.
 BETTER = 0.98
 #: Points of the grid from which the initial state of a run is fitted.
-FITTED = 4
+GRID_POINTS = 4
 #: Fits the initial state of one run from that of a model; returns chi^2 of the run, and the model with it.
 FitState = Callable[[Model, Record], tuple[float, Model]]
 
@@ -49,7 +49,7 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
     costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))
     for k, record in enumerate(records):
         first, last = k * (len(points) + 1), (k + 1) * (len(points) + 1)
-        best = sorted(range(first + 1, last), key=costs.__getitem__)[: FITTED if fit_state else 1]
+        best = sorted(range(first + 1, last), key=costs.__getitem__)[: GRID_POINTS if fit_state else 1]
         found = [(costs[at], model.replace(trials[at][1])) for at in best]
         if fit_state is not None:
             found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))

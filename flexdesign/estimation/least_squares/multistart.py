@@ -98,10 +98,10 @@ def _points(problem: Problem, starts: int, seed: int) -> Iterator[Array]:
             with suppress(ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
                 record.difference(np.asarray(problem.at(first).predict(record.observation)))
     if others:
-        yield from _sampled(problem, starts, seed)[:others]
+        yield from _sample_starts(problem, starts, seed)[:others]
 
 
-def _sampled(problem: Problem, starts: int, seed: int) -> list[Array]:
+def _sample_starts(problem: Problem, starts: int, seed: int) -> list[Array]:
     """Return points of a sample of the plausible ranges, best first, with some distance between them."""
     from scipy.stats.qmc import Sobol
 

@@ -55,12 +55,12 @@ class ParallelMap:
         try:
             work()
         finally:
-            helped = self._finished(helping)
+            helped = self._wait_for(helping)
         for each in helped:
             each.result()
         return [made[place] for place in range(len(given))]
 
-    def _finished(self, helping: list[Future[None]]) -> list[Future[None]]:
+    def _wait_for(self, helping: list[Future[None]]) -> list[Future[None]]:
         """Wait for others to end what they began, and return them; the place of this thread is meanwhile free.
 
         For one that has not begun there is nothing left to do. To wait for it might be to wait for ever: for a thread

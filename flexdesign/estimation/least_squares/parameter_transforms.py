@@ -53,7 +53,7 @@ class Coordinates:
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivative of each value in SI by its coordinate."""
-        return np.array([_slope(p, float(c)) for p, c in zip(self.parameters, x, strict=True)])
+        return np.array([_derivative(p, float(c)) for p, c in zip(self.parameters, x, strict=True)])
 
     def sizes(self, x: Array) -> Array:
         """Return how far each coordinate moves when its parameter changes by about itself.
@@ -129,7 +129,7 @@ def value(parameter: Parameter, coordinate: float) -> float:
     return coordinate
 
 
-def _slope(parameter: Parameter, coordinate: float) -> float:
+def _derivative(parameter: Parameter, coordinate: float) -> float:
     if parameter.scale == "log":
         return value(parameter, coordinate)
     return -(value(parameter, coordinate) ** 2) if parameter.scale == "inverse" else 1.0

@@ -28,7 +28,7 @@ Map = Callable[..., Any]
 #: How far a finite difference should move the response, relative: between a simulator's error of 1e-7 and curvature.
 DIFFERENCE_STEP = 3e-4
 #: The same for central differences, whose error is of second order.
-MOVED_CENTRAL = 3 * DIFFERENCE_STEP
+CENTRAL_STEP = 3 * DIFFERENCE_STEP
 #: Step of a finite difference per size of its coordinate: where it begins, and how small and large it may become.
 STEP, SMALLEST, LARGEST = 1e-4, 1e-7, 1e-2
 #: Makes another model of one, with the same numbers.
@@ -201,15 +201,15 @@ class Problem:
             return _itself, residuals
         return self.jacobian_model, found
 
-    def _moved(
+    def _perturbed_residuals(
         self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array, make: Made
     ) -> dict[tuple[int, int], Array | None]:
         """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
-        models = self._moved_models(x, sorted({j for _, j in pairs}), forward * self.steps, make)
+        models = self._perturbed_models(x, sorted({j for _, j in pairs}), forward * self.steps, make)
         found = self.each(lambda pair: self._residual(models[pair[1]], self.dataset.records[pair[0]]), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    def _moved_models(self, x: Array, places: Sequence[int], steps: Array, make: Made) -> dict[int, Model]:
+    def _perturbed_models(self, x: Array, places: Sequence[int], steps: Array, make: Made) -> dict[int, Model]:
         """Return for some coordinates the model with that one moved; those of different runs are moved together."""
         groups = dict[tuple[str, str | int], list[int]]()
         for j in places:
@@ -240,16 +240,18 @@ class Problem:
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
         make, here = self._jacobian_model_at(x, residuals) if pairs else (_itself, residuals)
-        parts = self._moved(x, pairs, forward, make)
+        parts = self._perturbed_residuals(x, pairs, forward, make)
         if failed := {j for (_, j), part in parts.items() if part is None}:
             # On the other side the model may not fail; where it does on both, nothing is known of this slope.
             forward[list(failed)] *= -1.0
-            parts |= self._moved(x, [pair for pair in pairs if pair[1] in failed], forward, make)
+            parts |= self._perturbed_residuals(x, [pair for pair in pairs if pair[1] in failed], forward, make)
         opposite = dict[tuple[int, int], Array | None]()
         if self.central:
             back = x - forward * self.steps
             inside = (back >= self.where.lower) & (back <= self.where.upper)
-            opposite = self._moved(x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward, make)
+            opposite = self._perturbed_residuals(
+                x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward, make
+            )
         steps, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
         for (r, j), part in parts.items():
             other = opposite.get((r, j))
@@ -263,7 +265,7 @@ class Problem:
                 if column is not None:
                     columns[r, j] = column
         # The next steps move the whitened response by a small share of it.
-        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else DIFFERENCE_STEP) * self.dataset.size
+        sizes, wanted = self.where.sizes(x), (CENTRAL_STEP if self.central else DIFFERENCE_STEP) * self.dataset.size
         by = np.where(steps > 0, np.clip(wanted / np.maximum(np.sqrt(steps), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [

@@ -98,10 +98,10 @@ class EstimationTask:
         if not names:  # frequency responses have no numbers of their own
             return Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
         known = {name: about for name, about in self.known(model).items() if name in names}
-        return _near(coordinates(model, names, known), self.prior_bound)
+        return _bound_by_priors(coordinates(model, names, known), self.prior_bound)
 
 
-def _near(where: Coordinates, prior_bound: float) -> Coordinates:
+def _bound_by_priors(where: Coordinates, prior_bound: float) -> Coordinates:
     """Return coordinates with parameters of one run within this number of standard deviations of their priors."""
     lower, upper = where.lower.copy(), where.upper.copy()
     for j, parameter in enumerate(where.parameters):

@@ -17,7 +17,7 @@ from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.autoregressive import colour
+from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
 Array = NDArray[np.float64]
 #: Standard deviations by which chi^2 may exceed that of white noise: one fit in a thousand does.
@@ -84,14 +84,14 @@ class FittedModel:
         """
         pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
         parts = [part[: len(record.measured)] for record, part in pairs]
-        weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
+        weighted = sum(float(part @ part) * estimate_autocorrelation(part).inflation for part in parts)
         return max(weighted / self.solution.problem.dataset.samples, 1.0)
 
     @property
     def is_white(self) -> bool:
         """Whether no residual of the fitted runs is correlated from one sample to the next."""
         pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
-        return all(colour(part[: len(record.measured)]).is_white for record, part in pairs)
+        return all(estimate_autocorrelation(part[: len(record.measured)]).is_white for record, part in pairs)
 
     @property
     def nuisance_dof(self) -> float:

@@ -198,7 +198,7 @@ class Screening:
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
-        projection = self._projected(move[:, None])[:, 0]
+        projection = self._project(move[:, None])[:, 0]
         whole = float(move @ move)
         projected_norm2 = whole - float(projection @ self.inverse @ projection)
         if whole <= (ROUNDING * self.solution.problem.dataset.size) ** 2 or projected_norm2 < OWN * whole:
@@ -219,7 +219,7 @@ class Screening:
                 column[begin:end] = move[begin:end]
                 columns.append(column)
         matrix = np.column_stack(columns)
-        projection = self._projected(matrix)
+        projection = self._project(matrix)
         gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
         amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
@@ -230,7 +230,7 @@ class Screening:
         found = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
         return None if found is None else replace(found, columns=len(amounts))
 
-    def _projected(self, changes: Array) -> Array:
+    def _project(self, changes: Array) -> Array:
         """Return J'd for moves (rows by k): coordinates by k."""
         total, row = np.zeros((len(self.solution.x), changes.shape[1])), 0
         for jacobian in self.solution.jacobian:

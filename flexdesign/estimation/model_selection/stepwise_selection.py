@@ -164,7 +164,7 @@ def forward(
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
         first = rank(trials)[:FINALISTS]
-        trials = [_escaped(task, fit, trial) if trial in first else trial for trial in trials]
+        trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
         trials += _trials(task, fit, pairs, score)
     return Step(best_of(task, trials), tuple(rank(trials)))
 
@@ -251,7 +251,7 @@ def _trial(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
     return None if made is None else compare(task, fit, made, entry.start.names, score)
 
 
-def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
+def _escape(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
     better = escape(task, trial.fit, trial.names) if trial.gain > trial.critical_gain else trial.fit
     return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)

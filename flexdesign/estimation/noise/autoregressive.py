@@ -136,7 +136,7 @@ class Process:
 
 
 @dataclass(frozen=True, eq=False)
-class Colour:
+class Autocorrelation:
     """The correlation between the n samples of a stationary residual; its coefficients are those of `Process`."""
 
     coefficients: Array
@@ -169,11 +169,11 @@ class Colour:
         return np.asarray(columns.T @ matmul_toeplitz(lags, columns, check_finite=False))
 
 
-def colour(residual: Array) -> Colour:
+def estimate_autocorrelation(residual: Array) -> Autocorrelation:
     """Return the colour of a residual (n) by Burg's recursion, of order 10 log10(n) at most as in the `ar` of R."""
     n = len(residual)
     reflections = burg([residual], int(10 * np.log10(n))) if n >= SHORTEST else np.zeros(0)
-    return Colour(Process(reflections, 1.0).coefficients, n)
+    return Autocorrelation(Process(reflections, 1.0).coefficients, n)
 
 
 def burg(records: Sequence[Array], highest_order: int) -> Array:

@@ -90,9 +90,9 @@ class _Likelihood:
         self.scale = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
         tables = [np.column_stack([r / self.scale, s.trend]) for r, s in zip(residuals, stretches, strict=True)]
         self.beginnings = np.stack([table[:order] for table in tables])
-        self.products = np.stack([self._lagged(table) for table in tables])
+        self.products = np.stack([self._lagged_products(table) for table in tables])
 
-    def _lagged(self, table: Array) -> Array:
+    def _lagged_products(self, table: Array) -> Array:
         """Return the products of a table (n by m) with itself at all pairs of lags: (order + 1)^2 by m * m."""
         shifted = [table[self.order - lag : len(table) - lag] for lag in range(self.order + 1)]
         return np.array([(one.T @ other).ravel() for one in shifted for other in shifted])

@@ -52,7 +52,7 @@ def remove_sinusoids(stretches: Sequence[Stretch], period: float) -> tuple[tuple
     """
     found, left = list[Sinusoid](), tuple(stretches)
     while len(found) < MOST:
-        tested = (_tested(left, peak, period) for peak in _peaks(left, period))
+        tested = (_test_peak(left, peak, period) for peak in _peaks(left, period))
         fit = next((fit for fit in tested if fit is not None), None)
         if fit is None:
             break
@@ -100,7 +100,7 @@ def _local_median(power: Array, width: int) -> Array:
     return np.interp(np.arange(len(power)), width * (np.arange(len(blocks)) + 0.5), np.median(blocks, axis=1))
 
 
-def _tested(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | None:
+def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | None:
     """Return the sinusoid at a peak [Hz]; None if noise, or a mode that dies away, explains the peak."""
     frequency = _refine(stretches, peak, period)
     without = _fit(stretches, frequency, period, Process.white(1.0)).without

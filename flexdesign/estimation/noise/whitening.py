@@ -73,7 +73,7 @@ class Scaled:
 
 
 @dataclass(frozen=True)
-class Coloured:
+class ColouredNoise:
     """Coloured noise, by the autoregressive process of all observations, or of each by its name."""
 
     processes: Process | Mapping[str, Process]

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
-from flexdesign.estimation.noise.autoregressive import Colour, colour
+from flexdesign.estimation.noise.autoregressive import Autocorrelation, estimate_autocorrelation
 
 Array = NDArray[np.float64]
 #: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.
@@ -102,7 +102,7 @@ class _Channel(NamedTuple):
     """The residual of one channel of a record: J' R J, and the degrees of freedom that the fit takes from it."""
 
     record: int
-    colour: Colour
+    autocorrelation: Autocorrelation
     chi2: float
     samples: int
     score_covariance: Array
@@ -126,10 +126,10 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     data = np.zeros((len(solution.x), len(solution.x)))
     for part in solution.jacobian:
         data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
-    projection, inverse_hessian, null_space = _decomposed(data, prior)
+    projection, inverse_hessian, null_space = _decompose(data, prior)
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
     channels = _channels(solution, jacobians, inverse_hessian)
-    inflation = np.array([channel.colour.inflation for channel in channels])
+    inflation = np.array([channel.autocorrelation.inflation for channel in channels])
     samples = np.array([channel.samples for channel in channels])
     chi2 = np.array([channel.chi2 for channel in channels])
     # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
@@ -138,7 +138,7 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
     parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection))) + nuisance
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
-    is_white = all(channel.colour.is_white for channel in channels)
+    is_white = all(channel.autocorrelation.is_white for channel in channels)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
     variance = given if is_explained else pooled
     variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
@@ -168,7 +168,7 @@ def _channels(solution: Solution, jacobians: Sequence[Array], inverse_hessian: A
     for r, record in enumerate(solution.problem.dataset.records):
         for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
             residual = solution.residuals[r][rows]
-            found = colour(residual)
+            found = estimate_autocorrelation(residual)
             score_covariance, nuisance = (
                 found.quadratic(jacobians[r][rows]),
                 float(np.trace(found.quadratic(record.basis[rows]))),
@@ -180,7 +180,7 @@ def _channels(solution: Solution, jacobians: Sequence[Array], inverse_hessian: A
     return made
 
 
-def _decomposed(data: Array, prior: Array) -> tuple[Array, Array, Array]:
+def _decompose(data: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the projection that takes null directions out of a Jacobian, (J'J + P)^-1, and the null space.
 
     The columns of J are scaled to length one, so that units do not matter; `prior` are rows of prior knowledge.

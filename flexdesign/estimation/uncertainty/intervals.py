@@ -40,19 +40,19 @@ def intervals(
         Whether the ends are checked by the profile likelihood.
     """
     places = [solution.problem.where.names.index(name) for name in names]
-    solution, found, made, _ = checked(solution, places, partial(_refined, known_variance), profiles)
+    solution, found, made, _ = check_intervals(solution, places, partial(_refine, known_variance), profiles)
     return estimates(solution, found, made)
 
 
 @lru_cache(maxsize=4)
-def _refined(known_variance: float | None, near: Solution) -> tuple[Solution, Uncertainty]:
+def _refine(known_variance: float | None, near: Solution) -> tuple[Solution, Uncertainty]:
     """Return a fit whose numbers are right to 0.05 standard deviations, and its uncertainty."""
     accuracy = 0.05**2 * uncertainty(near, known_variance).variance
     polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
     return polished, uncertainty(polished, known_variance)
 
 
-def checked(
+def check_intervals(
     solution: Solution,
     places: Sequence[int],
     refine: Callable[[Solution], tuple[Solution, Uncertainty]],

@@ -17,7 +17,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import digamma
 
 from flexdesign.core.model import Observation
-from flexdesign.estimation.noise.whitening import Coloured, Whitening
+from flexdesign.estimation.noise.whitening import ColouredNoise, Whitening
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse
 
@@ -128,7 +128,9 @@ def noise_of_lines(responses: Sequence[FrequencyResponse], lines: Mapping[str, L
     known = all(lines[each.name].known for each in responses)
     records = {each.name.rpartition(":")[0] or each.name: lines[each.name].dof for each in responses}
     source = "coherence and averages" if known else "unknown"
-    return NoiseFloor(Coloured({}), rms(responses, lines), source, known, (), sum(records.values()) if known else 0.0)
+    return NoiseFloor(
+        ColouredNoise({}), rms(responses, lines), source, known, (), sum(records.values()) if known else 0.0
+    )
 
 
 def with_lines(noise: NoiseFloor, responses: Sequence[FrequencyResponse], lines: Mapping[str, LineNoise]) -> NoiseFloor:

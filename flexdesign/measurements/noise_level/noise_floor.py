@@ -13,7 +13,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.restricted_likelihood import HIGHEST_ORDER, Stretch, estimate
 from flexdesign.estimation.noise.sinusoids import Sinusoid, remove_sinusoids
-from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.estimation.noise.whitening import ColouredNoise
 from flexdesign.measurements.noise_level.sources import (
     Source,
     differences_of_periods,
@@ -62,7 +62,7 @@ class NoiseFloor:
         Where sources or runs disagree.
     """
 
-    whitening: Coloured
+    whitening: ColouredNoise
     rms: Mapping[str, float]
     source: str
     known: bool
@@ -142,7 +142,7 @@ def noise_floor(
         return _without_source(runs, axis, stated, smallest)
     chosen = next((level for level in levels if level.dof >= ENOUGH), max(levels, key=lambda level: level.dof))
     return NoiseFloor(
-        whitening=Coloured(chosen.processes),
+        whitening=ColouredNoise(chosen.processes),
         rms={run.name: chosen.processes[run.name].rms for run in runs},
         source=chosen.source.words,
         known=True,
@@ -274,7 +274,7 @@ def _without_source(runs: Sequence[Run], axis: str, stated: float, smallest: flo
     else:
         process = Process.white(max(min(_quietest_band(run, axis) for run in runs), smallest))
         source, known, dof = "unknown", False, 0.0
-    return NoiseFloor(Coloured(process), {run.name: process.rms for run in runs}, source, known, (), dof)
+    return NoiseFloor(ColouredNoise(process), {run.name: process.rms for run in runs}, source, known, (), dof)
 
 
 def _quietest_band(run: Run, axis: str) -> float:

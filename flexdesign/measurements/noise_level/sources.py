@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from flexdesign.estimation.noise.autoregressive import colour
+from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 from flexdesign.estimation.noise.restricted_likelihood import Stretch
 from flexdesign.estimation.noise.whitening import stretches as where_up
 from flexdesign.measurements.recordings import Run
@@ -220,7 +220,7 @@ def _is_louder(one: Array, other: Array) -> bool:
     powers, counted = [], []
     for part in (one - one.mean(), other - other.mean()):
         powers.append(float(part @ part) / len(part))
-        counted.append(max(len(part) / colour(part).inflation, 1.0))
+        counted.append(max(len(part) / estimate_autocorrelation(part).inflation, 1.0))
     return powers[0] > ratio_of_variances.isf(SIGNIFICANCE**0.5, *counted) * powers[1]
 
 
@@ -244,7 +244,7 @@ def _is_moving(values: Array) -> tuple[float, float, float]:
     steps = np.diff(values)
     third = len(steps) // 3
     early, late = steps[:third] - steps[:third].mean(), steps[-third:] - steps[-third:].mean()
-    counted = third / min(colour(late).inflation, NARROWEST)  # what rings is narrow itself
+    counted = third / min(estimate_autocorrelation(late).inflation, NARROWEST)  # what rings is narrow itself
     return float(early @ early) / third, float(late @ late) / third, counted
 
 

@@ -13,7 +13,7 @@ from flexdesign.core import units
 from flexdesign.core.serialise import header
 from flexdesign.diagnosis.add_effect import AddedEffect, InTheLoop
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.residual_comparison import compared
+from flexdesign.diagnosis.residual_comparison import compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
@@ -74,7 +74,10 @@ def document(addition: AddedEffect, loop: InTheLoop) -> Document:
 
 def _sections(addition: AddedEffect, loop: InTheLoop) -> list[Section]:
     name = prose.effect_name(addition.name)
-    stands = [("recalibrated", compared(addition, "calibrated")), (f"with {name}", compared(addition, "found"))]
+    stands = [
+        ("recalibrated", compare_model(addition, "calibrated")),
+        (f"with {name}", compare_model(addition, "found")),
+    ]
     kinds, axis = figures.pictures([addition.name]), addition.before.axes[addition.axis]
     return [
         Section(

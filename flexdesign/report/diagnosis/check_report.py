@@ -6,8 +6,8 @@ from typing import Any
 
 from flexdesign.core import units, versions
 from flexdesign.core.serialise import header
-from flexdesign.diagnosis.check import Channel, Check, Recorded, Shown
-from flexdesign.diagnosis.check.coverage import SAID
+from flexdesign.diagnosis.check import Channel, Check, Coverage, Recorded
+from flexdesign.diagnosis.check.coverage import KIND_TEXTS
 from flexdesign.report.document import Document, Section, Table
 
 #: How channels are shown: SI unit -> unit.
@@ -74,8 +74,8 @@ def document(check: Check) -> Document:
     return Document("Check of recordings", summary, sections)
 
 
-def _kinds(each: Shown) -> str:
-    return ", ".join(SAID[kind] for kind in each.kinds) or "–"
+def _kinds(each: Coverage) -> str:
+    return ", ".join(KIND_TEXTS[kind] for kind in each.kinds) or "–"
 
 
 def _headline(check: Check) -> str:

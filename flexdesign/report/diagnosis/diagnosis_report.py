@@ -14,7 +14,7 @@ from flexdesign.core import units, versions
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -113,7 +113,7 @@ def document(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> Document:
 
 def _sections(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     axis = diagnosis.before.axes[diagnosis.axis]
-    before, after = compared(diagnosis, "calibrated"), compared(diagnosis, "found")
+    before, after = compare_model(diagnosis, "calibrated"), compare_model(diagnosis, "found")
     changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in diagnosis.error_ladder)
     stands = [("recalibrated", before), (_model_name(diagnosis), after)] if changed else [("recalibrated", before)]
     names = [named.name for named in diagnosis.effects] or list(diagnosis.possible_effects)

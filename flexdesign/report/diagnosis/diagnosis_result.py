@@ -13,7 +13,7 @@ from flexdesign.core import versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, compare_model
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import comparison_report, response_pages
@@ -73,7 +73,7 @@ def where_json(residuals: ModelResiduals, si: str) -> dict[str, Any]:
     both: tuple[Which, Which] = ("calibrated", "found")
     return {
         ("calibrated" if which == "calibrated" else "final"): [
-            comparison_report.breakdown_json(b, si) for b in compared(residuals, which).where
+            comparison_report.breakdown_json(b, si) for b in compare_model(residuals, which).where
         ]
         for which in both
     }

@@ -11,7 +11,7 @@ from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.effect_selection.estimation_setup import FITS_BETTER
 from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -169,7 +169,7 @@ def summary(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     if diagnosis.possible_effects:
         sentences.append(possible(diagnosis))
     if diagnosis.verdict == "unknown" or diagnosis.remainder_rms:
-        left, mode = compared(diagnosis, "found"), diagnosis.before.axes[diagnosis.axis].natural_frequency
+        left, mode = compare_model(diagnosis, "found"), diagnosis.before.axes[diagnosis.axis].natural_frequency
         looks = words.sentences(left) if diagnosis.runs else []
         looks += response_pages.sentences(left.responses, mode) if diagnosis.responses else []
         shape = f" {_sentence(diagnosis.remainder)}." if diagnosis.remainder else ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexdesign.core import units
 from flexdesign.core.serialise import with_unit
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import units_of
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
@@ -146,7 +146,7 @@ def before_and_after(residuals: ModelResiduals) -> dict[str, Any]:
     if not residuals.responses:
         return {}
     si = residuals.before.axes[residuals.axis].response
-    calibration, final = (compared(residuals, which).responses for which in ("calibrated", "found"))
+    calibration, final = (compare_model(residuals, which).responses for which in ("calibrated", "found"))
     both = {"calibrated": result(calibration, si), "final": result(final, si)}
     return {"frequency_responses": both}
 
