@@ -154,6 +154,17 @@ def test_a_scale_of_nothing_is_refused(tmp_path: Path, scale: str) -> None:
     assert "makes every command zero" in message_of(tmp_path, text, recordings.read_measurements)
 
 
+@pytest.mark.parametrize("encoding", ["nul\\u0000", "no such", "ascii"])
+def test_an_encoding_that_does_not_fit_is_refused(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "data.txt").write_text("t;u;µ\n0;1;2\n1;2;3\n", encoding="utf-8")
+    plan = f'rate = "2 kHz"\n[text]\nencoding = "{encoding}"\n[[run]]\n[run.columns.u]\nvariable = "u"\nunit = "V"\n'
+
+    def read(path: Path) -> object:
+        return importing.bring_in([tmp_path / "data.txt"], path, tmp_path / "out")
+
+    assert "does not fit" in message_of(tmp_path, plan, read, "map.toml")
+
+
 # --- tables
 
 

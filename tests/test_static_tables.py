@@ -88,6 +88,13 @@ def test_a_value_a_thousand_times_too_large_is_a_wrong_unit(tmp_path):
         diagnose.diagnose(MODEL, table)
 
 
+@pytest.mark.parametrize("value", ["1e308", "-1e308", "1e-300", "3e8"])
+def test_a_value_millions_of_times_off_is_refused(tmp_path, value):
+    table = static_model.read([written(tmp_path, f"lambda,{value},1,0.1,free,\n")], BRIDGE)
+    with pytest.raises(InputError, match="times what the model expects"):
+        comparison.compare(MODEL, table)
+
+
 def test_what_is_written_is_read_again(tmp_path):
     found = list(MODEL.compliance({}).quantities().values())
     path = tmp_path / "model.csv"

@@ -16,6 +16,8 @@ from flexdesign.diagnosis.comparison import lost_signs
 Array = NDArray[np.float64]
 #: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
 WRONG_UNIT = 0.35
+#: Decades beyond which no unit is sought: no measurement of the same quantity is a million times off.
+ABSURD = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +91,12 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
     rows = []
     for row, expected in zip(table.rows, predicted, strict=True):
         if row.load is None and math.isfinite(expected):
-            power = math.log10(abs(row.value / expected)) / 3
-            if round(power) != 0 and abs(power - round(power)) < WRONG_UNIT / 3:
-                remedy = f"is {1000.0 ** round(power):g} times what the model expects: correct the unit ({row.unit})"
+            decades = math.log10(abs(row.value)) - math.log10(abs(expected))
+            power = decades / 3
+            if round(power) != 0 and (abs(power - round(power)) < WRONG_UNIT / 3 or abs(decades) > ABSURD):
+                times = f"1e{decades:.0f}" if abs(decades) > ABSURD else f"{1000.0 ** round(power):g}"
+                remedy = f"is {times} times what the model expects: correct the unit ({row.unit})"
                 raise InputError(table.name, row.key, f"{row.value:.4g} (SI)", remedy)
-        opposite = row.quantity == "lambda" and row.value * expected < 0
+        opposite = row.quantity == "lambda" and np.sign(row.value) * np.sign(expected) < 0
         rows.append(replace(row, value=-row.value) if opposite else row)
     return table if tuple(rows) == table.rows else replace(table, rows=tuple(rows))

@@ -153,7 +153,7 @@ def _decode(path: Path, encoding: str | None) -> str:
         raise InputError(path, "", None, 'is no text in UTF-8, UTF-16 or CP1252; say encoding = "..." in [text]')
     try:
         return data.decode(encoding)
-    except (UnicodeDecodeError, LookupError) as error:
+    except (ValueError, LookupError) as error:
         raise InputError(path, "text.encoding", encoding, f"does not fit: {error}") from error
 
 
