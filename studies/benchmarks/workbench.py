@@ -135,7 +135,7 @@ def _tick(browser: Any, url: str, measured: Measured, is_early: bool) -> None:
     measured.take("tick before the evidence" if is_early else "tick", tick)
     if "slider" not in measured.seconds:
         page.get_by_text("being asked").first.wait_for(state="detached")
-        page.get_by_role("slider", name="gain [um/V]").locator("[tabindex='0']").focus()
+        page.get_by_role("slider", name="gain [µm/V]").locator("[tabindex='0']").focus()
         for _ in range(SLIDES):
             measured.take("slider", lambda: float(page.evaluate(SLIDE)) / 1000)
     page.context.close()
