@@ -238,7 +238,10 @@ def menu() -> tuple[AxisDynamics, list[experiment_design.Command]]:
     model = stage_model.read("lin2019_stage", changes)
     limits = experiment_design.of_axis(model, "x")
     dynamics = experiment_design.dynamics(model, "x", limits)
-    return dynamics, [*experiment_design.suite_of(dynamics, limits), *experiment_design.elsewhere(dynamics, limits)]
+    return dynamics, [
+        *experiment_design.suite_of(dynamics, limits),
+        *experiment_design.other_excitations(dynamics, limits),
+    ]
 
 
 @pytest.mark.parametrize(

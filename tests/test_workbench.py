@@ -139,6 +139,12 @@ def ratios(page: Any) -> list[float]:
     return [float(text) for text in re.findall(r"([\d.e+]+) × floor", page.locator("#ladder").inner_text())]
 
 
+def start(page: Any, name: str) -> None:
+    """Start a job once nothing else is being done: the page does one thing at a time."""
+    page.get_by_role("button", name="Cancel").wait_for(state="hidden")
+    page.get_by_role("button", name=name, exact=True).click()
+
+
 def move(page: Any, name: str) -> None:
     """Move a slider by one step of the keyboard."""
     page.get_by_role("slider", name=name).locator("[tabindex='0']").focus()
@@ -367,7 +373,7 @@ def test_no_code_of_others_runs_in_the_page_and_in_its_jobs(browser: Any, guarde
     page.get_by_text(refused).wait_for(state="detached")
     study = page.get_by_label("Study")
     study.fill(re.sub('design = ".*"', f'design = "{design}"', study.input_value()))
-    page.get_by_role("button", name="Sweep", exact=True).click()
+    start(page, "Sweep")
     page.get_by_text(refused).wait_for()
     assert not ran.exists()
     page.context.close()
@@ -390,12 +396,12 @@ def with_study(browser: Any, server: Server) -> Any:
 
 def test_a_sweep_ends_in_its_report(browser: Any, server: Server) -> None:
     page = with_study(browser, server)
-    page.get_by_role("button", name="Sweep", exact=True).click()
+    start(page, "Sweep")
     page.get_by_role("link", name="report.html").wait_for()
     page.frame_locator("iframe").get_by_role("heading", level=1).wait_for()
     study = page.get_by_label("Study")
     study.fill(study.input_value().replace("hinge_thickness", "hinge_thicknes"))
-    page.get_by_role("button", name="Sweep", exact=True).click()
+    start(page, "Sweep")
     page.get_by_text("did you mean hinge_thickness").wait_for()
     assert page.outside == []
     page.context.close()
@@ -408,7 +414,7 @@ def test_a_sweep_starts_from_the_sliders(browser: Any, server: Server) -> None:
     number = page.get_by_label("arm span [mm]").and_(page.locator("input"))
     playwright.expect(number).not_to_have_value("20", timeout=PATIENCE)
     span = number.input_value()
-    page.get_by_role("button", name="Sweep", exact=True).click()
+    start(page, "Sweep")
     page.get_by_role("link", name="report.html").wait_for()
     found = page.get_by_role("row", name=re.compile(r"^0.6 ")).first.inner_text().split()
     moved = fd.formulas("bridge_amplifier", dimensions={"hinge_thickness": "0.6 mm", "arm_span": f"{span} mm"})
