@@ -85,9 +85,9 @@ class Progress:
 def duration_text(seconds: float | None) -> str:
     """Return a time in words, no finer than it is known.
 
-    >>> in_words(2.0), in_words(17.0), in_words(100.0)
+    >>> duration_text(2.0), duration_text(17.0), duration_text(100.0)
     ('a few seconds left', 'about 15 s left', 'about 90 s left')
-    >>> in_words(290.0), in_words(None)
+    >>> duration_text(290.0), duration_text(None)
     ('about 5 min left', '')
     """
     if seconds is None:

@@ -168,7 +168,7 @@ def candidate_of(
 def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
     """Return the values at which a number is tried in a band: frequencies all over it, delays of some phase at its end.
 
-    >>> [round(value, 6) for value in _over(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))]
+    >>> [round(value, 6) for value in _values_in_band(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))]
     [5e-05, 0.000125, 0.00025, 0.0005, 0.00125, 0.0025]
     """
     if parameter.si == "Hz":

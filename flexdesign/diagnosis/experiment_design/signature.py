@@ -126,7 +126,7 @@ def _columns(name: str) -> tuple[str, ...]:
 def names_kind(reveal: str, kind: str) -> bool:
     """Tell whether an effect's own words name a kind of experiment.
 
-    >>> named("a step held for a hundred seconds or more", "hold"), named("a quiet record", "triangle")
+    >>> names_kind("a step held for a hundred seconds or more", "hold"), names_kind("a quiet record", "triangle")
     (True, False)
     """
     return any(word in reveal for word in WORDS.get(kind, ()))
