@@ -110,7 +110,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     yield made
     said = made.said()
     made.kill()
-    assert "Traceback" not in said, said
+    # A browser that leaves while it is answered makes the framework print two, and is no fault.
+    assert said.count("Traceback") == 2 * said.count("RuntimeError: No response returned."), said
 
 
 @pytest.fixture(scope="module")
