@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from studies.benchmarks import __main__ as table
+from studies.benchmarks import installation
 from studies.benchmarks.fem_peer_case import Answer
 from studies.benchmarks.fem_peers import Entry, Run, cheapest
 
@@ -37,3 +38,11 @@ def test_an_unknown_task_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         table.main(["flying"])
     assert "flying is none of finite_elements, sweep" in capsys.readouterr().err
+
+
+def test_room_is_counted_without_pip_and_apart_from_bytecode(tmp_path: Path) -> None:
+    for name, size in {"one/a.py": 100, "one/__pycache__/a.pyc": 40, "b.so": 7, "pip/c.py": 1000}.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(bytes(size))
+    assert installation.sizes(tmp_path) == (107, 40)
