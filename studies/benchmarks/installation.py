@@ -3,7 +3,7 @@
     python -m studies.benchmarks.installation                # the core alone
     python -m studies.benchmarks.installation core design    # and with finite elements and CAD
 
-Files are those of the packages, without pip itself. Python writes bytecode beside them, at the latest when a module is
+Files are those of the packages, without pip itself. Python also writes their bytecode, at the latest when a module is
 first imported; ``pip install --no-compile`` leaves it to that. The time includes the download.
 """
 
