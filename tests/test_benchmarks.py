@@ -10,12 +10,12 @@ import pytest
 
 from studies.benchmarks import __main__ as table
 from studies.benchmarks import installation
-from studies.benchmarks.fem_peer_case import Answer
+from studies.benchmarks.fem_peer_case import PeerResult
 from studies.benchmarks.fem_peers import Entry, Run, cheapest
 
 
 def entry(program: str, error: float, cpu: float) -> Entry:
-    return Entry(program, {}, Run({}, 1.0, cpu, 0), Answer(1.0, 1, 0.0, 0.0), error)
+    return Entry(program, {}, Run({}, 1.0, cpu, 0), PeerResult(1.0, 1, 0.0, 0.0), error)
 
 
 def test_of_each_program_the_cheapest_that_is_right_counts() -> None:

@@ -252,7 +252,7 @@ def test_a_library_that_does_not_come_back_is_ended(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize(
     ("name", "make"),
     [
-        ("rig.mat", seeds.matlab_packed),
+        ("rig.mat", seeds.matlab_compressed),
         ("rig.npz", seeds.numpy_archive),
         ("rig.uff", seeds.universal),
         ("rig.h5", seeds.hdf5),

@@ -15,9 +15,18 @@ from flexdesign.report import render
 from studies.error_bars import __main__ as command
 from studies.error_bars import bridge, report, trial
 from studies.error_bars.bridge import Fineness, Reference
-from studies.error_bars.designs import COUNT, METALS, NOTCHED, ROUNDED, WITHOUT_RODS, Drawn, curved_designs, designs
+from studies.error_bars.designs import (
+    COUNT,
+    METALS,
+    NOTCHED,
+    ROUNDED,
+    WITHOUT_RODS,
+    SampledDesign,
+    curved_designs,
+    designs,
+)
 from studies.error_bars.findings import Case, Deviation, judge
-from studies.error_bars.trial import ALL, LEVELS, ORDERS, QUANTITIES, Answered, Known
+from studies.error_bars.trial import ALL, LEVELS, ORDERS, QUANTITIES, ProgramResult, ReferenceResult
 
 #: The quickest of the study with sharp and with rounded roots: little width, thick hinges.
 SHARP, FILLETED = 7, 38
@@ -31,16 +40,16 @@ def silent(_: str) -> None:
 @pytest.mark.parametrize("number", [SHARP, pytest.param(FILLETED, marks=pytest.mark.slow)])
 def test_estimates_contain_the_reference(number: int, tmp_path: Path) -> None:
     """At an accuracy of 2 %, on the first two meshes."""
-    drawn = designs()[number]
-    answer = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "cache"), silent, accuracy=0.02)
-    known = trial.known(drawn, tmp_path, silent)
-    case = Case(drawn, "extruded", answer, known)
+    sample = designs()[number]
+    answer = trial.solve_design(sample, "extruded", tmp_path, Cache(tmp_path / "cache"), silent, accuracy=0.02)
+    reference = trial.solve_reference(sample, tmp_path, silent)
+    case = Case(sample, "extruded", answer, reference)
     assert [d.quantity for d in case.deviations if not d.contained] == []
     assert answer.reached <= 0.02
     for deviation in case.deviations:
         assert deviation.uncertainty < 0.4 * deviation.estimate
-    assert trial.known(drawn, tmp_path, pytest.fail) == known  # from its file
-    again = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "none"), pytest.fail, accuracy=0.02)
+    assert trial.solve_reference(sample, tmp_path, pytest.fail) == reference  # from its file
+    again = trial.solve_design(sample, "extruded", tmp_path, Cache(tmp_path / "none"), pytest.fail, accuracy=0.02)
     assert again.values == answer.values and again.estimates == answer.estimates
 
 
@@ -48,22 +57,22 @@ def test_estimates_contain_the_reference(number: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [8, 32])
 def test_estimates_of_curved_necks_contain_the_reference(number: int, tmp_path: Path) -> None:
     """Stiffnesses, amplification and nominal hinge stress, on the first two meshes."""
-    drawn = curved_designs()[number]
-    answer = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "cache"), silent, accuracy=0.02)
-    case = Case(drawn, "extruded", answer, trial.known(drawn, tmp_path, silent))
+    sample = curved_designs()[number]
+    answer = trial.solve_design(sample, "extruded", tmp_path, Cache(tmp_path / "cache"), silent, accuracy=0.02)
+    case = Case(sample, "extruded", answer, trial.solve_reference(sample, tmp_path, silent))
     assert [d.quantity for d in case.deviations] == list(ALL)
     assert [d.quantity for d in case.deviations if not d.contained] == []
     assert answer.reached <= 0.02
 
 
 def test_curved_designs_are_drawn_once_and_for_all() -> None:
-    drawn = curved_designs()
-    assert [d.number for d in drawn] == list(range(COUNT, 2 * COUNT)) and curved_designs(count=3) == drawn[:3]
-    assert curved_designs(seed=1, count=3) != drawn[:3]
-    kinds = [d.kind for d in drawn[:4]]
+    samples = curved_designs()
+    assert [d.number for d in samples] == list(range(COUNT, 2 * COUNT)) and curved_designs(count=3) == samples[:3]
+    assert curved_designs(seed=1, count=3) != samples[:3]
+    kinds = [d.kind for d in samples[:4]]
     assert kinds == ["circular notches"] * 2 + ["circular notches, declared as fillets", "long fillets"]
-    assert all(d.curved and not d.wild for d in drawn) and not any(d.curved for d in designs())
-    for d in drawn[:4]:
+    assert all(d.curved and not d.is_unstructured for d in samples) and not any(d.curved for d in designs())
+    for d in samples[:4]:
         hinges = d.study(0.01, "auto").design.part().linkage().of_kind("hinge")
         assert len(hinges) == 8 and all(profile.is_curved(hinge) for hinge in hinges)
         assert all(math.isfinite(hinge.curvature_radius) == (d.design == NOTCHED) for hinge in hinges)
@@ -78,15 +87,15 @@ def test_the_reference_fills_what_the_program_meshes(number: int) -> None:
 
 
 def test_designs_are_drawn_once_and_for_all() -> None:
-    drawn = designs()
-    assert len(drawn) == COUNT and [d.number for d in drawn] == list(range(COUNT))
-    assert designs(count=3) == drawn[:3] and designs(seed=1, count=3) != drawn[:3]
-    assert {d.material for d in drawn} == set(METALS)
-    rounded, bare = (d for d in (drawn[ROUNDED - 1], drawn[WITHOUT_RODS - 1]))
-    assert rounded.rounded and not drawn[0].rounded
-    assert bare.dimensions["rod_length"] == 0.0 and drawn[0].dimensions["rod_length"] > 0.0
-    assert all(0.2 <= d.dimensions["hinge_thickness"] <= 1.0 and 10 <= d.dimensions["arm_span"] <= 40 for d in drawn)
-    assert {True, False} == {d.rounded for d in drawn if d.wild}
+    samples = designs()
+    assert len(samples) == COUNT and [d.number for d in samples] == list(range(COUNT))
+    assert designs(count=3) == samples[:3] and designs(seed=1, count=3) != samples[:3]
+    assert {d.material for d in samples} == set(METALS)
+    rounded, bare = (d for d in (samples[ROUNDED - 1], samples[WITHOUT_RODS - 1]))
+    assert rounded.rounded and not samples[0].rounded
+    assert bare.dimensions["rod_length"] == 0.0 and samples[0].dimensions["rod_length"] > 0.0
+    assert all(0.2 <= d.dimensions["hinge_thickness"] <= 1.0 and 10 <= d.dimensions["arm_span"] <= 40 for d in samples)
+    assert {True, False} == {d.rounded for d in samples if d.is_unstructured}
 
 
 def test_reference_extrapolates_what_falls_with_a_power_between_its_orders() -> None:
@@ -94,7 +103,7 @@ def test_reference_extrapolates_what_falls_with_a_power_between_its_orders() -> 
     for order in (*ORDERS, 5.0):
         compliances = [1e-6 / (1 + 0.01 * growth**order) for growth in growths]
         meshes = [Reference(c, 3 * c, 10 * c, (), 0.0, 1, 1.0) for c in compliances]
-        found = trial.extrapolated(*meshes)
+        found = trial.extrapolate(*meshes)
         assert abs(found.values["K_in_output_free"] - 1e6) <= found.uncertainties["K_in_output_free"] * (1 + 1e-6)
         assert found.values["lambda_output_free"] == pytest.approx(3.0)
 
@@ -102,17 +111,17 @@ def test_reference_extrapolates_what_falls_with_a_power_between_its_orders() -> 
 @pytest.mark.parametrize("radius", [0.0, 0.3])
 @pytest.mark.parametrize("rods", [True, False])
 def test_every_kind_of_design_fills_its_contour(rods: bool, radius: float) -> None:
-    drawn = designs()[0]
-    dimensions = {**drawn.dimensions, "fillet_radius": radius} | ({} if rods else {"rod_length": 0.0})
-    part = replace(drawn, dimensions=dimensions).study(0.01, "auto").design.part()
+    sample = designs()[0]
+    dimensions = {**sample.dimensions, "fillet_radius": radius} | ({} if rods else {"rod_length": 0.0})
+    part = replace(sample, dimensions=dimensions).study(0.01, "auto").design.part()
     bridge.mesh(part, Fineness.of(1))  # type: ignore[arg-type]  # raises if it does not
 
 
-def invented(deviations: list[float], drawn: Drawn, uncertainty: float = 0.1) -> Case:
+def invented(deviations: list[float], sample: SampledDesign, uncertainty: float = 0.1) -> Case:
     """Return a case whose values of 100 lie so many estimates of 1 off the reference."""
     references = {key: 100.0 - off for key, off in zip(QUANTITIES, deviations, strict=True)}
-    answer = Answered(VALUES, dict.fromkeys(QUANTITIES, 1.0), (2e-5, 1e-5), {}, (10_000, 20_000), 3.0)
-    return Case(drawn, "extruded", answer, Known(references, dict.fromkeys(QUANTITIES, uncertainty), 9, 1.0))
+    answer = ProgramResult(VALUES, dict.fromkeys(QUANTITIES, 1.0), (2e-5, 1e-5), {}, (10_000, 20_000), 3.0)
+    return Case(sample, "extruded", answer, ReferenceResult(references, dict.fromkeys(QUANTITIES, uncertainty), 9, 1.0))
 
 
 def test_judgement_counts_what_is_contained() -> None:
@@ -137,42 +146,42 @@ def test_what_the_reference_leaves_open_is_no_excuse() -> None:
 
 def test_kept_meshes_are_judged_by_the_estimate_of_today() -> None:
     raw = {key: [104.0, 102.0] for key in QUANTITIES}
-    stale = Answered(VALUES, VALUES, (1.8225e-5, 1e-5), raw, (1, 2), 1.0)
-    fresh = trial.judged_anew(stale, "extruded", 0.05)
+    stale = ProgramResult(VALUES, VALUES, (1.8225e-5, 1e-5), raw, (1, 2), 1.0)
+    fresh = trial.update_estimates(stale, "extruded", 0.05)
     assert fresh is not None and 98.0 < fresh.values["K_in_output_free"] < 102.0
     assert 0.0 < fresh.estimates["K_in_output_free"] < 4.0
-    assert trial.judged_anew(stale, "extruded", 1e-3) is None  # it would refine further
-    assert trial.judged_anew(replace(stale, error="no mesh"), "extruded", 0.05) is None
+    assert trial.update_estimates(stale, "extruded", 1e-3) is None  # it would refine further
+    assert trial.update_estimates(replace(stale, error="no mesh"), "extruded", 0.05) is None
 
 
 def test_files_of_other_questions_are_not_taken(tmp_path: Path) -> None:
-    drawn = designs()[0]
+    sample = designs()[0]
     path = tmp_path / "00-reference.json"
-    trial._keep(path, "another question", {"values": {}})
-    assert trial._kept(path, "the question") is None
-    assert trial._kept(path, "another question") == {"values": {}}
+    trial._write_result(path, "another question", {"values": {}})
+    assert trial._read_result(path, "the question") is None
+    assert trial._read_result(path, "another question") == {"values": {}}
     path.write_text("{", encoding="utf-8")
-    assert trial._kept(path, "another question") is None
+    assert trial._read_result(path, "another question") is None
     trial.forget(tmp_path)
-    assert not list(tmp_path.iterdir()) and drawn.number == 0
+    assert not list(tmp_path.iterdir()) and sample.number == 0
 
 
 def test_curved_designs_are_judged_by_themselves() -> None:
-    leaf, drawn = invented([0.5, 0.5, 0.5, 0.5], designs()[0]), curved_designs()[0]
+    leaf, sample = invented([0.5, 0.5, 0.5, 0.5], designs()[0]), curved_designs()[0]
     values = dict.fromkeys(ALL, 100.0)
-    answer = Answered(values, dict.fromkeys(ALL, 1.0), (2e-5, 1e-5), {}, (10_000, 20_000), 3.0)
-    known = Known(dict.fromkeys(ALL, 100.5), dict.fromkeys(ALL, 0.1), 9, 1.0)
-    said = report.summary([leaf, Case(drawn, "extruded", answer, known)])
+    answer = ProgramResult(values, dict.fromkeys(ALL, 1.0), (2e-5, 1e-5), {}, (10_000, 20_000), 3.0)
+    reference = ReferenceResult(dict.fromkeys(ALL, 100.5), dict.fromkeys(ALL, 0.1), 9, 1.0)
+    said = report.summary([leaf, Case(sample, "extruded", answer, reference)])
     assert said[0].startswith("Extruded meshes of leaves: 4 of 4 estimates")
     assert said[1].startswith("Extruded meshes of curved necks: 5 of 5 estimates") and "all 5 of a design" in said[1]
     assert set(report.of([leaf])["judgements"]) == {"extruded"}
-    assert [d.curved for d, _ in command._asked(2, None, curved=True)] == [True, True]
-    assert not any(d.curved for d, _ in command._asked(2, "wild", curved=False))
+    assert [d.curved for d, _ in command._select_cases(2, None, curved=True)] == [True, True]
+    assert not any(d.curved for d, _ in command._select_cases(2, "wild", curved=False))
 
 
 def test_report_states_every_number(tmp_path: Path) -> None:
     cases = [invented([0.5, -1.5, 1.0, 0.01], designs()[0]), invented([0.2, 0.1, -0.3, 0.4], designs()[ROUNDED - 1])]
-    lost = replace(cases[0], answer=Answered({}, {}, (), {}, (), 1.0, error="the mesher ended without a mesh"))
+    lost = replace(cases[0], answer=ProgramResult({}, {}, (), {}, (), 1.0, error="the mesher ended without a mesh"))
     render.write(tmp_path, report.document([*cases, lost]), report.of([*cases, lost]), {})
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "7 of 8 estimates contain the reference" in text

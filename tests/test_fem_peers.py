@@ -14,7 +14,7 @@ import pytest
 from flexdesign.design import design
 from flexdesign.fem.meshing import domain
 from studies.benchmarks import fem_peer_case, fem_peer_flexdesign, fem_peers
-from studies.benchmarks.fem_peer_case import Answer, Case
+from studies.benchmarks.fem_peer_case import Case, PeerResult
 from studies.benchmarks.fem_peers import Entry, Run
 from tests.reference.hexahedra import RECORD
 
@@ -46,7 +46,7 @@ def test_our_own_entry_answers_the_question_of_the_others() -> None:
 
 
 def entry(program: str, wall: float, cpu: float, error: float) -> Entry:
-    answer = Answer(1000 * (1 + error), 1000, 0.2 * wall, 0.5 * wall)
+    answer = PeerResult(1000 * (1 + error), 1000, 0.2 * wall, 0.5 * wall)
     return Entry(program, {"size": cpu}, Run({}, wall, cpu, 2**28), answer, error)
 
 
@@ -66,7 +66,7 @@ def test_the_cheapest_run_of_each_program_that_is_good_enough_counts(
         again.append((program, settings))
         return next(e for e in entries if e.program == program and e.settings == settings)
 
-    monkeypatch.setattr(fem_peers, "tried", tried)
+    monkeypatch.setattr(fem_peers, "run_program", tried)
     fem_peers.at(0.01, entries, case_of("bridge_amplifier"), 1000.0)
     said = capsys.readouterr().out
     assert again == [("flexdesign", {"size": 6.0}), ("NGSolve", {"size": 10.0})]
@@ -81,9 +81,9 @@ def test_a_case_travels_to_another_process_as_it_is(
     """What `tried` hands over, `serve` reads."""
     case, seen = case_of("bridge_amplifier"), []
 
-    def solve(case: Case, coarseness: list[float]) -> Answer:
+    def solve(case: Case, coarseness: list[float]) -> PeerResult:
         seen.append((case, coarseness))
-        return Answer(1950.0, 10, 0.1, 0.2)
+        return PeerResult(1950.0, 10, 0.1, 0.2)
 
     table = json.dumps({**asdict(case), "outline": list(case.outline)})
     monkeypatch.setattr("sys.argv", ["peer", table, json.dumps({"coarseness": [1.5]})])

@@ -11,7 +11,7 @@ import pytest
 from flexdesign.core.errors import InputError
 from studies.fuzz_readers import hunting, readers
 from studies.fuzz_readers.hunting import Finding, Hunt
-from studies.fuzz_readers.mutations import WAYS, damaged
+from studies.fuzz_readers.mutations import WAYS, damage
 
 #: Of each reader.
 INPUTS = 500
@@ -34,7 +34,7 @@ def test_every_reader_reads_a_damaged_file_or_says_in_one_message_what_is_wrong(
 def test_the_same_seed_gives_the_same_damage() -> None:
     text = b"a = 1\nb = [2, 3]\n"
     for kind in WAYS:
-        first, again, other = (damaged(text, kind, Random(f"{seed} {kind}")) for seed in (1, 1, 9))
+        first, again, other = (damage(text, kind, Random(f"{seed} {kind}")) for seed in (1, 1, 9))
         assert first == again and (first, text) != (other, other)
 
 

@@ -260,15 +260,15 @@ def test_what_the_base_can_do_does_not_show(short: State) -> None:
     complement = Complement(columns(short, STAGE))
     for change in ({"gain": 1e-4 * STAGE.gain}, {"a": 1e-4 * STAGE.a}, {"omega": 1e-5 * STAGE.omega}):
         name, step = next(iter(change.items()))
-        signal = short.moved([name], [step]).seen() - short.seen()
-        assert complement.left(signal)[0] < 5e-3 * float(np.sqrt(np.mean(signal**2)))  # what is not linear in it
+        signal = short.with_changes([name], [step]).readings() - short.readings()
+        assert complement.residual(signal)[0] < 5e-3 * float(np.sqrt(np.mean(signal**2)))  # what is not linear in it
 
 
 def test_bounds_keep_a_resonance_from_hiding_a_payload(short: State) -> None:
     complement = Complement(columns(short, STAGE))
-    far = short.moved(["omega"], [-0.10 * STAGE.omega])
-    near = short.moved(["omega"], [-0.005 * STAGE.omega])
-    shown = [complement.left(state.seen() - short.seen())[0] for state in (far, near)]
+    far = short.with_changes(["omega"], [-0.10 * STAGE.omega])
+    near = short.with_changes(["omega"], [-0.005 * STAGE.omega])
+    shown = [complement.residual(state.readings() - short.readings())[0] for state in (far, near)]
     assert shown[0] > 20 * shown[1]
 
 
@@ -276,13 +276,13 @@ def test_what_no_base_parameter_can_do_shows_in_full(short: State) -> None:
     """A sine in the reading at a frequency that no run is driven at is left as it is."""
     complement = Complement(columns(short, STAGE))
     hum = np.concatenate([1e-8 * np.sin(2 * math.pi * 237.3 * np.arange(run.n) * PERIOD) for run in short.runs])
-    left, _, _ = complement.left(hum)
+    left, _, _ = complement.residual(hum)
     assert left == pytest.approx(1e-8 / math.sqrt(2), rel=0.02)
 
 
 def test_hum_and_a_shaking_base_cannot_be_told_apart(short: State) -> None:
     hidden = State(STAGE, {"mains_hum": {"amplitude": 2e-7, "frequency": 50.0}}, short.runs)
-    names, _ = confusion.stand_ins(hidden, "mains_hum", STAGE, 5e-8)
+    names, _ = confusion.substitutes(hidden, "mains_hum", STAGE, 5e-8)
     assert "base_motion" in names and "stress_stiffening" not in names
 
 
@@ -292,7 +292,7 @@ def test_hum_and_a_shaking_base_cannot_be_told_apart(short: State) -> None:
 def test_a_case_is_always_the_same_and_another_is_another() -> None:
     once, again, other = (cases.make(n) for n in (10003, 10003, 10004))
     assert all(np.array_equal(x, y) for x, y in zip(once.readings, again.readings, strict=True))
-    assert once.believed == again.believed and once.believed != other.believed
+    assert once.nominal == again.nominal and once.nominal != other.nominal
 
 
 def test_another_seed_draws_other_cases() -> None:
@@ -303,7 +303,7 @@ def test_another_seed_draws_other_cases() -> None:
 
 def test_the_run_for_testing_leaves_the_others_as_they_are() -> None:
     case = cases.make(21001)
-    more, again = cases.tested(case), cases.tested(case)
+    more, again = cases.add_test_run(case), cases.add_test_run(case)
     assert [run.role for run in more.runs].count("test") == 1 and more.runs[-1].role == "test"
     assert more.runs[:-1] == case.runs and more.readings[:-1] == case.readings
     assert np.array_equal(more.readings[-1], again.readings[-1])
@@ -327,7 +327,7 @@ def test_models_are_off_by_no_more_than_they_say() -> None:
     for n in range(20):
         rng = np.random.default_rng(n)
         stage = cases.draw_stage(rng)
-        told = cases.draw_believed(rng, stage, ())
+        told = cases.draw_nominal(rng, stage, ())
         off = {
             name: getattr(told, name) / getattr(stage, name) - 1 for name in ("gain", "omega", "zeta", "a", "b", "c")
         }
@@ -370,17 +370,17 @@ def test_the_simulator_shares_no_code_with_the_package() -> None:
 
 def test_no_diagnosis_imports_what_leaves_outcomes_as_they_are() -> None:
     imported = grimp.build_graph("flexdesign").find_upstream_modules("flexdesign.diagnosis", as_package=True)
-    assert {name.split(".")[1] for name in imported if "." in name}.isdisjoint(trial.ELSEWHERE)
+    assert {name.split(".")[1] for name in imported if "." in name}.isdisjoint(trial.NOT_IMPORTED)
 
 
 @pytest.mark.parametrize("lumped", [True, False])
 def test_the_package_reads_what_is_written(tmp_path: Path, lumped: bool) -> None:
-    case = replace(cases.tested(cases.make(10001)), lumped=lumped)
+    case = replace(cases.add_test_run(cases.make(10001)), lumped=lumped)
     folder.write(case, tmp_path / "case", tmp_path / "answer.toml")
     axis = reading.read(tmp_path / "case" / "model.toml").axes["x"]
-    assert axis.natural_frequency == pytest.approx(case.believed.omega / 2 / math.pi, rel=1e-5)
-    assert axis.gain == pytest.approx(case.believed.gain, rel=1e-5)
-    assert axis.effects["bouc_wen"]["a"] == pytest.approx(case.believed.a, rel=1e-5)
+    assert axis.natural_frequency == pytest.approx(case.nominal.omega / 2 / math.pi, rel=1e-5)
+    assert axis.gain == pytest.approx(case.nominal.gain, rel=1e-5)
+    assert axis.effects["bouc_wen"]["a"] == pytest.approx(case.nominal.a, rel=1e-5)
     found = recorded.read_runs([tmp_path / "case" / "runs"])
     assert {run.role for run in found} == {"identify", "validate", "test"}
     assert [run.role for run in found] == [run.role for run in case.runs]
@@ -445,8 +445,8 @@ def test_what_no_catalogue_holds_may_have_a_right_name_beside_a_remainder() -> N
 def test_errors_are_those_of_the_run_for_testing_where_it_is_predicted() -> None:
     answer = replace(answer_of("none"), validation_floor=2e-8)
     found = said("nothing-missing")
-    assert scoring.over_floor(answer, found) == pytest.approx(0.5)
-    assert scoring.over_floor(answer, replace(found, is_tested=True)) == pytest.approx(1.0)
+    assert scoring.error_ratio(answer, found) == pytest.approx(0.5)
+    assert scoring.error_ratio(answer, replace(found, is_tested=True)) == pytest.approx(1.0)
 
 
 def test_an_effect_is_named_alone_or_in_a_true_group() -> None:
@@ -507,17 +507,17 @@ def outcomes() -> list[Outcome]:
 
 def test_a_trial_goes_on_where_it_stopped(tmp_path: Path) -> None:
     for outcome in outcomes():
-        trial.keep(outcome, tmp_path)
+        trial.append_outcome(outcome, tmp_path)
     lines: list[str] = []
     again = trial.run([20000, 10000, 30000, 40000], tmp_path, 2, 1.0, lines.append)
     assert again == outcomes() and lines == ["4 of 4 cases are done already"]
-    trial.keep(replace(outcomes()[0], found=None, error="ValueError: no"), tmp_path)
-    assert 20000 not in trial.kept(tmp_path)  # an error is tried again
+    trial.append_outcome(replace(outcomes()[0], found=None, error="ValueError: no"), tmp_path)
+    assert 20000 not in trial.read_outcomes(tmp_path)  # an error is tried again
     with (tmp_path / trial.OUTCOMES).open("a") as file:
         file.write('{"number": 10')  # the process was killed
-    trial.keep(outcomes()[0], tmp_path)
-    assert list(trial.kept(tmp_path).values()) == outcomes()
-    assert not trial.kept(tmp_path, seed=7) and trial.folder_of(tmp_path, 7) != trial.folder_of(tmp_path, 8)
+    trial.append_outcome(outcomes()[0], tmp_path)
+    assert list(trial.read_outcomes(tmp_path).values()) == outcomes()
+    assert not trial.read_outcomes(tmp_path, seed=7) and trial.folder_of(tmp_path, 7) != trial.folder_of(tmp_path, 8)
 
 
 def test_the_report_counts_what_was_said(tmp_path: Path) -> None:

@@ -20,6 +20,6 @@ ASKED = trial.settings()
 def test_the_diagnosis_names_what_is_hidden(tmp_path: Path, numbers: Sequence[int], allowed: int) -> None:
     outcomes = trial.run(numbers, tmp_path, jobs=1, seconds=ASKED.seconds, say=print)
     assert len(outcomes) == len(numbers) and not [outcome.error for outcome in outcomes if outcome.error]
-    wrong = [trial.described(o) for o in outcomes if o.found is None or not is_right(o.answer, o.found)]
+    wrong = [trial.outcome_text(o) for o in outcomes if o.found is None or not is_right(o.answer, o.found)]
     named_in_nothing = [o for o in outcomes if o.answer.kind == "none" and o.found and o.found.named]
     assert not named_in_nothing and len(wrong) <= allowed, "\n".join(wrong)

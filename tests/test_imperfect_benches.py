@@ -95,13 +95,13 @@ def test_a_curved_sensor_shows_its_curve() -> None:
 
 def test_a_clock_that_jitters_has_its_size_and_its_memory() -> None:
     fault = Fault("clock_jitter", 1e-5, memory=0.01, seed=3)
-    late = fault.clock(driven(np.zeros(200_000)))
+    late = fault.timing_error(driven(np.zeros(200_000)))
     assert late.std() == pytest.approx(1e-5, rel=0.03)  # twenty samples count as one: 1 / sqrt(2 * 10^4) is 0.7 %
     assert np.corrcoef(late[1:], late[:-1])[0, 1] == pytest.approx(math.exp(-0.1), abs=0.005)
     ramp = np.linspace(0.0, 100.0, 2000)
     plain, flawed = (bench.readings(LINEAR, {}, [driven(ramp)], 20, each)[0] for each in (bench.SOUND, fault))
     speed = LINEAR.gain * 100.0 / (1999 * PERIOD)
-    late = fault.clock(driven(ramp))
+    late = fault.timing_error(driven(ramp))
     assert np.abs(flawed - plain - speed * late)[1000:].max() < 1e-3 * speed * 1e-5
 
 
@@ -169,7 +169,7 @@ def test_a_structural_error_has_the_stated_size_and_is_no_effect(number: int) ->
     assert case.floor == pytest.approx(float(np.sqrt(np.mean(left[-1] ** 2))))
     # No effect of the catalogue, fitted beside the base, explains a fifth of its squares, nor of noise.
     strange = np.concatenate(left[:-1])
-    name, share = confusion.nearest(State(case.stage, case.effects, case.runs[:-1]), strange, case.believed)
+    name, share = confusion.nearest(State(case.stage, case.effects, case.runs[:-1]), strange, case.nominal)
     assert share > imperfect.STRANGE, name
 
 
@@ -243,28 +243,28 @@ def test_the_main_effect_counts_with_and_without_a_remainder() -> None:
     answer = answer_of("creep")
     found = said("effects-found", "creep")
     for each in (found, replace(found, remainder=1e-7)):
-        assert scoring.names_main(answer, each) and not scoring.invented(answer, each)
+        assert scoring.names_main(answer, each) and not scoring.false_effects(answer, each)
         assert scoring.is_right(answer, each)
-    assert not scoring.names_main(answer, said("unknown")) and not scoring.invented(answer, said("unknown"))
+    assert not scoring.names_main(answer, said("unknown")) and not scoring.false_effects(answer, said("unknown"))
 
 
 def test_whatever_else_is_named_is_invented() -> None:
     both = said("effects-found", "creep", "mains_hum")
     assert scoring.names_main(answer_of("creep"), both) and not scoring.is_right(answer_of("creep"), both)
-    assert scoring.invented(answer_of("creep"), both) == ("mains_hum",)
-    assert scoring.invented(answer_of(), both) == ("creep", "mains_hum")
+    assert scoring.false_effects(answer_of("creep"), both) == ("mains_hum",)
+    assert scoring.false_effects(answer_of(), both) == ("creep", "mains_hum")
     assert scoring.is_right(answer_of(), said("unknown")) and scoring.is_right(answer_of(), said("nothing-missing"))
     group = ("mains_hum", "base_motion")
     found = said("effects-found", "mains_hum", groups=(group,))
-    assert scoring.invented(answer_of("creep"), found) == ("mains_hum or base_motion",)
+    assert scoring.false_effects(answer_of("creep"), found) == ("mains_hum or base_motion",)
     alike = answer_of("base_motion", groups={"base_motion": ("mains_hum",)})
-    assert scoring.names_main(alike, found) and not scoring.invented(alike, found)
+    assert scoring.names_main(alike, found) and not scoring.false_effects(alike, found)
 
 
 def test_friction_by_another_law_is_coulomb_friction() -> None:
     answer = answer_of("smooth_friction")
     assert scoring.is_right(answer, said("effects-found", "coulomb_friction"))
-    assert scoring.invented(answer, said("effects-found", "preload_loss")) == ("preload_loss",)
+    assert scoring.false_effects(answer, said("effects-found", "preload_loss")) == ("preload_loss",)
 
 
 def test_rounding_that_is_there_is_no_invention() -> None:
@@ -287,5 +287,5 @@ def test_the_report_has_both_rates_and_what_was_invented(tmp_path: Path) -> None
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "Seed 7." in text and "| 60000 | mains_hum |" in text and "| 60001 | creep |" in text
     for outcome in outcomes:
-        trial.keep(outcome, tmp_path)
-    assert list(trial.kept(tmp_path, SEED).values()) == outcomes
+        trial.append_outcome(outcome, tmp_path)
+    assert list(trial.read_outcomes(tmp_path, SEED).values()) == outcomes

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from studies.benchmarks import least_squares as benchmark
-from studies.benchmarks.least_squares import MANNERS, Ended, Task
+from studies.benchmarks.least_squares import MANNERS, SolverOutcome, Task
 from tests.estimation.toys import TRUTH
 
 TASKS = {task.name: task for task in benchmark.formulas()}
@@ -17,7 +17,7 @@ TASKS = {task.name: task for task in benchmark.formulas()}
 
 @pytest.mark.parametrize("name", TASKS)
 def test_both_solvers_reach_the_same_cost(name: str) -> None:
-    found = benchmark.compared(TASKS[name], MANNERS["to the end"])
+    found = benchmark.compare_solvers(TASKS[name], MANNERS["to the end"])
     assert not benchmark.is_lower(*found.values()) and not benchmark.is_lower(*reversed(found.values()))
     assert all(math.isfinite(each.cost) and each.simulations > len(TRUTH) for each in found.values())
 
@@ -33,7 +33,7 @@ def test_cost_is_that_of_a_fit_written_out() -> None:
         return np.append(left, (values["f"] - 3.0) / 0.15)
 
     cost = 2 * least_squares(residuals, where.start, "3-point", (where.lower, where.upper), x_scale="jac").cost
-    for each in benchmark.compared(task, MANNERS["to the end"]).values():
+    for each in benchmark.compare_solvers(task, MANNERS["to the end"]).values():
         assert each.cost == pytest.approx(cost, abs=0.1)
 
 
@@ -47,15 +47,15 @@ def test_a_known_jacobian_is_not_found_again(solver: str) -> None:
     assert residuals is not None
     (jacobian,) = problem.jacobian(start, residuals)
     old = {name: [jacobian.matrix[:, j]] for j, name in enumerate(problem.where.names)}
-    known = benchmark.compared(Task(task.name, task.make, old), manner)[solver]
-    found = benchmark.compared(task, manner)[solver]
+    known = benchmark.compare_solvers(Task(task.name, task.make, old), manner)[solver]
+    found = benchmark.compare_solvers(task, manner)[solver]
     assert known.simulations <= found.simulations - len(TRUTH) + 1
     assert known.cost == pytest.approx(found.cost, abs=0.1)
 
 
 def test_only_costs_that_differ_by_more_than_a_last_step_differ() -> None:
-    def ended(cost: float, simulations: float = 10.0) -> Ended:
-        return Ended(cost, simulations, 1.0)
+    def ended(cost: float, simulations: float = 10.0) -> SolverOutcome:
+        return SolverOutcome(cost, simulations, 1.0)
 
     assert benchmark.is_lower(ended(10.0), ended(10.2))
     assert not benchmark.is_lower(ended(10.0), ended(10.05))
@@ -71,5 +71,5 @@ def test_only_costs_that_differ_by_more_than_a_last_step_differ() -> None:
 
 
 def test_a_case_of_the_trial_is_a_problem() -> None:
-    task = next(benchmark.of_case(20004, benchmark.cases.SEED))
+    task = next(benchmark.tasks_of_case(20004, benchmark.cases.SEED))
     assert task.name == "single-20004: calibration" and task.make().dataset.samples > 0

@@ -16,7 +16,7 @@ import pytest
 
 from flexdesign.dynamics.control import Plant, rule, ultimate
 from flexdesign.report.diagnosis import frequency_charts as charts
-from studies.lin2019_gains.findings import fitted, rounding
+from studies.lin2019_gains.findings import fit_plant, rounding
 from studies.lin2019_gains.printed import AXES, PRINTED
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -138,7 +138,7 @@ def test_printed_gains_lose_stability_within_the_family(axes: dict[str, Any]) ->
 
 def test_rounding_follows_the_sensitivities_of_a_light_resonance() -> None:
     """(fu/f0)^2 = 1 + KuK: f0 moves by dTi/Ti and by KuK / 2(1 + KuK) of dKp/Kp; zeta like Kp at least."""
-    plant = fitted(XY, XY.target, 0.0, Plant(XY["gain"], 118.3, 0.0242))
+    plant = fit_plant(XY, XY.target, 0.0, Plant(XY["gain"], 118.3, 0.0242))
     assert plant is not None
     frequency, damping = rounding(XY, plant)
     gain, time = XY.half_digit("kp") / XY["kp"], XY.half_digit("ti") / XY["ti"]

@@ -9,7 +9,7 @@ import pytest
 from flexdesign.diagnosis import progress
 from flexdesign.diagnosis.progress import ENDING, FITS, SECOND_SCREENING, TYPICAL, Progress
 from studies.benchmarks import progress as benchmark
-from studies.benchmarks.progress import Word
+from studies.benchmarks.progress import Message
 
 #: A diagnosis that finds creep: words and when they were said [s]. The first screening takes two seconds.
 FOUND = (
@@ -126,11 +126,11 @@ def test_words_of_time_are_no_finer_than_it_is_known() -> None:
 
 
 def test_estimates_are_set_beside_what_was_true() -> None:
-    words = [*(Word(*each) for each in FOUND), Word(20.0, "")]
+    words = [*(Message(*each) for each in FOUND), Message(20.0, "")]
     found = {each.stage: each for each in benchmark.estimates(words)}
     assert list(found) == ["screening", FITS, SECOND_SCREENING, ENDING]
-    assert found["screening"].said is None and found["screening"].true == 16.0
-    assert found[ENDING].said is None
+    assert found["screening"].predicted is None and found["screening"].true == 16.0
+    assert found[ENDING].predicted is None
     assert found[FITS].true == 14.0 and found[SECOND_SCREENING].true == 7.0 and found[ENDING].true == 4.0
-    assert found[FITS].said == left_after(*FOUND[:5])
-    assert benchmark.lengths(words) == {FITS: 3.5, SECOND_SCREENING: 1.5, ENDING: 2.0}
+    assert found[FITS].predicted == left_after(*FOUND[:5])
+    assert benchmark.stage_durations(words) == {FITS: 3.5, SECOND_SCREENING: 1.5, ENDING: 2.0}

@@ -22,8 +22,8 @@ from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.scoring import Diagnosed
 from studies.sensitivity import __main__ as command
 from studies.sensitivity import constants, report, settings
-from studies.sensitivity.constants import CONSTANTS, Constant, changed, chosen, holders
-from studies.sensitivity.settings import Ended, Setting
+from studies.sensitivity.constants import CONSTANTS, Constant, chosen, holders, override_constant
+from studies.sensitivity.settings import Variation, VariationOutcome
 
 BY_KEY = {each.key: each for each in CONSTANTS}
 LIMIT = Constant("gauged.limits", "LIMIT", "what is too much")
@@ -50,9 +50,11 @@ def gauged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleTy
         del sys.modules[name]
 
 
-def ended(key: str = "", factor: float = 1.0, number: int = 20000, **more: Any) -> Ended:
+def ended(key: str = "", factor: float = 1.0, number: int = 20000, **more: Any) -> VariationOutcome:
     given = {"right": True, "false_names": 0, "said": "creep -> creep", "seconds": 2.0, "source": "now", **more}
-    return Ended(key, factor, more.pop("value", 1.0), number, "single", **{k: given[k] for k in given if k != "value"})
+    return VariationOutcome(
+        key, factor, more.pop("value", 1.0), number, "single", **{k: given[k] for k in given if k != "value"}
+    )
 
 
 # --- changing a constant --------------------------------------------------------------------------------------------
@@ -63,7 +65,7 @@ def test_a_changed_constant_changes_what_every_importer_says(gauged: Any) -> Non
         return gauged.limits.near(4), gauged.between.few(4), gauged.after.fewer(4), gauged.alone.other(4)
 
     assert said() == (False, False, False, False)
-    with changed(LIMIT, LIMIT.value(2.0)):
+    with override_constant(LIMIT, LIMIT.value(2.0)):
         assert said() == (True, True, True, False)  # the last one has a constant of its own
         assert gauged.limits.UNUSED == 3
         late = importlib.import_module("gauged.late")
@@ -73,7 +75,7 @@ def test_a_changed_constant_changes_what_every_importer_says(gauged: Any) -> Non
 
 
 def test_a_constant_comes_back_after_an_error(gauged: Any) -> None:
-    with pytest.raises(ZeroDivisionError), changed(LIMIT, 1):
+    with pytest.raises(ZeroDivisionError), override_constant(LIMIT, 1):
         raise ZeroDivisionError
     assert gauged.limits.LIMIT == gauged.between.MOST == gauged.after.MOST == 3
 
@@ -96,16 +98,16 @@ def test_a_value_that_went_into_something_else_is_refused(gauged: Any, tmp_path:
 def test_indistinguishable_decides_whether_two_answers_are_alike() -> None:
     a, b = (SimpleNamespace(effects=(1,), cost=cost, validation_chi2=0.0, discrepancy=1.0) for cost in (100.0, 115.0))
     assert not model_comparison.is_indistinguishable(a, b)  # type: ignore[arg-type]
-    with changed(BY_KEY["criterion.INDISTINGUISHABLE"], 20.0):
+    with override_constant(BY_KEY["criterion.INDISTINGUISHABLE"], 20.0):
         assert model_comparison.is_indistinguishable(a, b)  # type: ignore[arg-type]
     assert not model_comparison.is_indistinguishable(a, b)  # type: ignore[arg-type]
 
 
 def test_constants_of_the_package_change_where_they_were_copied_and_nowhere_else() -> None:
-    with changed(BY_KEY["criterion.LEVEL"], 0.5), changed(BY_KEY["criterion.SHARE"], 0.25):
+    with override_constant(BY_KEY["criterion.LEVEL"], 0.5), override_constant(BY_KEY["criterion.SHARE"], 0.25):
         assert determination.LEVEL == 0.5 and score_test.LEVEL == 0.01
         assert criterion.SHARE == stepwise_selection.SHARE == 0.25 and profile_likelihood.TRUSTED == 0.1
-    with changed(BY_KEY["criterion.LARGE"], 7.0):
+    with override_constant(BY_KEY["criterion.LARGE"], 7.0):
         assert prior_conflicts.LARGE == verdict.LARGE == 7.0
     assert prior_conflicts.LARGE == verdict.LARGE == 2.0
 
@@ -155,7 +157,7 @@ def test_a_constant_that_is_not_in_the_list_is_refused(capsys: pytest.CaptureFix
 
 def test_settings_are_all_cases_at_half_and_twice_and_once_as_they_are() -> None:
     constant = BY_KEY["criterion.CONFLICT"]
-    found = settings.all_of([constant], [10000, 20000])
+    found = settings.variations([constant], [10000, 20000])
     keys = [(each.key, each.factor) for each in found]
     assert keys == [("", 1.0)] * 2 + [(constant.key, 0.5)] * 2 + [(constant.key, 2.0)] * 2
     assert len(set(found)) == 6
@@ -169,14 +171,14 @@ def test_more_cases_hold_the_first_ones() -> None:
 def test_what_is_kept_is_read_again_for_the_same_package(tmp_path: Path) -> None:
     first, second = ended(), ended("criterion.CONFLICT", 0.5, value=1.5, right=False)
     for each in (first, ended(number=1, source="before"), second):
-        settings.keep(each, tmp_path)
-    with (tmp_path / settings.ENDED).open("a") as file:
+        settings.append_outcome(each, tmp_path)
+    with (tmp_path / settings.OUTCOMES).open("a") as file:
         file.write('{"key": "conf')  # a process was killed
-    settings.keep(third := ended(number=2), tmp_path)
-    known = settings.kept(tmp_path, "now")
+    settings.append_outcome(third := ended(number=2), tmp_path)
+    known = settings.read_outcomes(tmp_path, "now")
     assert list(known.values()) == [first, second, third]
-    assert known[Setting("criterion.CONFLICT", 0.5, 20000)] == second
-    assert not settings.kept(tmp_path / "nowhere", "now")
+    assert known[Variation("criterion.CONFLICT", 0.5, 20000)] == second
+    assert not settings.read_outcomes(tmp_path / "nowhere", "now")
 
 
 def test_false_names_are_those_that_are_not_there() -> None:

@@ -12,7 +12,7 @@ from flexdesign.dynamics.stage_model import reading
 from flexdesign.measurements.recordings import AXES, read_runs
 from studies.steering_mirror import recordings
 from studies.steering_mirror.findings import share
-from studies.steering_mirror.modes import Array, Complex, filtered, fit, frequency_response
+from studies.steering_mirror.modes import Array, Complex, apply_response, fit, frequency_response
 from studies.steering_mirror.recordings import LEVELS, LINES, RATE, SHAPE, Decoupled, Recordings
 
 #: Three modes like those of the mirror: natural frequencies [Hz], damping ratios, gains [m/V], delay [s].
@@ -57,7 +57,7 @@ def recorded(rng: np.random.Generator, response: Complex, noise: float = 0.0) ->
 
 
 def _periods(response: Complex, u: Array) -> Array:
-    return np.stack([filtered(response, u[:, :, p]) for p in range(SHAPE[3])], axis=2)
+    return np.stack([apply_response(response, u[:, :, p]) for p in range(SHAPE[3])], axis=2)
 
 
 def up_to_sign(columns: Array, of: Array) -> Array:
@@ -114,7 +114,7 @@ def test_axes_are_decoupled_and_lead_back(tmp_path: Path) -> None:
         alone = _single(m, decoupled, drive[m, : SHAPE[0]])
         # What the response misses at the modes, in gain and damping 0.5 %, and noise of 0.3 %; measured: 1.1 %.
         assert share(modal[m, : SHAPE[0]] - alone, modal[m, : SHAPE[0]]) < 0.02
-    back = decoupled.modes.outputs(modal[:, : SHAPE[0]]) + filtered(decoupled.remainder(), u[:, :, 0]).T
+    back = decoupled.modes.outputs(modal[:, : SHAPE[0]]) + apply_response(decoupled.remainder(), u[:, :, 0]).T
     assert pytest.approx(y[:, :, 0], abs=1e-15) == back.T
     model, place = recordings.write(its, decoupled, tmp_path)
     runs = read_runs([place])

@@ -114,7 +114,7 @@ def simulation() -> Iterator[Row]:
     for name in CHAINS:
         right = dynamics_peer.reference(name, dynamics.MEASURED)
         steps, _ = dynamics.fewest_steps(name, "multisine", right)
-        run = partial(dynamics.prepared(name, SIGNAL), substeps=steps)
+        run = partial(dynamics.make_runner(name, SIGNAL), substeps=steps)
         way = dynamics_peer.best(name, wanted=TOLERANCE, seconds=dynamics.MEASURED)
         options = {key: value for key, value in way.items() if key not in ("error", "wall")}
         own, other = [], []
@@ -129,8 +129,8 @@ def fits() -> Iterator[Row]:
     """Yield the fits of a diagnosis and SciPy's trust-region method, where both reach the same cost."""
     manner, pairs = least_squares.MANNERS["to the end"], []
     for number in CASES:
-        for task in least_squares.of_case(number, least_squares.cases.SEED):
-            found = least_squares.compared(task, manner)
+        for task in least_squares.tasks_of_case(number, least_squares.cases.SEED):
+            found = least_squares.compare_solvers(task, manner)
             own, other = found["own"], found["SciPy"]
             if not least_squares.is_lower(own, other) and not least_squares.is_lower(other, own):
                 pairs.append((own.seconds, other.seconds))

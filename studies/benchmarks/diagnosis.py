@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.hidden_effect_demo.__main__ import BELIEVED, NOISE, POLES, STAGE
+from studies.hidden_effect_demo.__main__ import NOISE, NOMINAL, POLES, STAGE
 from studies.hidden_effect_trial import cases, folder, recordings
 from studies.hidden_effect_trial.effects import Stage, Values
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
@@ -55,7 +55,7 @@ def runs(rng: np.random.Generator, stage: Stage, held: bool | None = None) -> tu
     return tuple(long)
 
 
-def timed(case: cases.Case, here: Path) -> tuple[float, str]:
+def time_diagnosis(case: cases.Case, here: Path) -> tuple[float, str]:
     """Return how long the diagnosis of a case takes [s], and what it says."""
     folder.write(case, here, here / "answer.toml")
     command = [sys.executable, "-m", "flexdesign", "diagnose", str(here / folder.MODEL), str(here / folder.RUNS)]
@@ -72,7 +72,7 @@ def case_of(name: str) -> cases.Case:
         return cases.make(int(name), drawn=runs)
     rng = np.random.default_rng(cases.SEED)
     driven = runs(rng, STAGE, held=False)
-    return cases.record(rng, STAGE, BELIEVED, HIDDEN[name], driven, NOISE * STAGE.stroke, POLES)
+    return cases.record(rng, STAGE, NOMINAL, HIDDEN[name], driven, NOISE * STAGE.stroke, POLES)
 
 
 def main(*names: str) -> None:
@@ -80,7 +80,7 @@ def main(*names: str) -> None:
     for name in names or HIDDEN:
         case = case_of(name)
         with tempfile.TemporaryDirectory() as here:
-            took, said = timed(case, Path(here))
+            took, said = time_diagnosis(case, Path(here))
         seconds = sum(run.n for run in case.runs) * PERIOD
         hidden = f"{name}: {' and '.join(case.effects) or 'nothing'}" if name.isdigit() else name
         print(f"{len(case.runs)} runs, {seconds:.0f} s, hidden {hidden}: {took:.1f} s, said {said}", flush=True)

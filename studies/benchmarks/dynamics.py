@@ -71,7 +71,7 @@ def axis_chain(name: str, axis: Mapping[str, Any]) -> AxisChain:
     return AxisChain(name, axis["k_v"], (mode,), tuple((effects.find(key), values) for key, values in given.items()))
 
 
-def prepared(chain_name: str, seconds: float, command: str = "multisine") -> Callable[..., Response]:
+def make_runner(chain_name: str, seconds: float, command: str = "multisine") -> Callable[..., Response]:
     """Return what runs a chain of `dynamics_peer.CHAINS` from rest; its options are those of `simulate`."""
     table, t = CHAINS[chain_name], samples(seconds)
     axes = tuple(axis_chain(name, axis) for name, axis in zip("xyz", table["axes"], strict=False))
@@ -94,7 +94,7 @@ def wall(action: Callable[[], object]) -> float:
     return time.perf_counter() - begin
 
 
-def beside_the_peer(seconds: float) -> None:
+def compare_with_peer(seconds: float) -> None:
     """Print for every chain and command the errors of both sides, their wall times, and the ratios of these."""
     print(
         f"wall time for {seconds:g} s of signal at {TOLERANCE:g} of the stroke, and how many times the engine's it is"
@@ -107,7 +107,7 @@ def beside_the_peer(seconds: float) -> None:
         for command in ("multisine",) if "loop" in chain else COMMANDS:
             right = dynamics_peer.reference(chain_name, MEASURED, command)
             steps, wrong = fewest_steps(chain_name, command, right)
-            run = prepared(chain_name, seconds, command)
+            run = make_runner(chain_name, seconds, command)
             way = dynamics_peer.best(chain_name, command, TOLERANCE, MEASURED)
             odeint = dynamics_peer.best(chain_name, command, TOLERANCE, MEASURED, ("odeint",))
             ours, choosing, compiled, old = [], [], [], []
@@ -129,7 +129,7 @@ def beside_the_peer(seconds: float) -> None:
 
 def fewest_steps(chain_name: str, command: str, right: Any) -> tuple[int, float]:
     """Return the smallest power of two of steps that reaches the tolerance, and its error."""
-    steps, run = 1, prepared(chain_name, MEASURED, command)
+    steps, run = 1, make_runner(chain_name, MEASURED, command)
     while (wrong := dynamics_peer.error(run(substeps=steps).motion, right)) > TOLERANCE:
         steps *= 2
     return steps, wrong
@@ -143,7 +143,7 @@ def _peer(chain_name: str, seconds: float, way: Mapping[str, Any]) -> float:
 def a_minute_of_closed_loop() -> None:
     """Print how long 60 s of closed loop at 1 kHz take."""
     for chain_name in ("full, closed loop", "three axes, closed loop"):
-        run = prepared(chain_name, 60.0)
+        run = make_runner(chain_name, 60.0)
         walls = [wall(run) for _ in range(TURNS)]
         found = run()
         print(
@@ -169,7 +169,7 @@ def main(seconds: float = 2.0) -> None:
     """Print everything."""
     first_use()
     a_minute_of_closed_loop()
-    beside_the_peer(seconds)
+    compare_with_peer(seconds)
 
 
 if __name__ == "__main__":

@@ -167,7 +167,7 @@ _KINDS: tuple[tuple[str, Rates, int], ...] = (
 
 
 @cache
-def _compiled(rates: Rates) -> Rates:
+def _compile(rates: Rates) -> Rates:
     """Return the compiled function; compiling it is not timed."""
     function: Rates = njit(rates)
     return function
@@ -229,11 +229,11 @@ def solve(
     scales[:, 2:3] = 100.0  # V
     options = {"method": method, "rtol": rtol, "atol": rtol * scales.ravel()}
     if compiled:
-        rates = _compiled(rates)
+        rates = _compile(rates)
         rates(0.0, s, np.zeros((len(p), 2)), PERIOD, p)
     begin = time.perf_counter()
     if "loop" in chain:
-        found = _closed(chain["loop"], trajectories(chain_name, t), rates, s, p, options)
+        found = _simulate_closed_loop(chain["loop"], trajectories(chain_name, t), rates, s, p, options)
     else:
         function, held = COMMANDS[command]
         u = function(t)[None, :]
@@ -261,7 +261,7 @@ def _anew(rates: Rates, s: Floats, u: Floats, p: Floats, options: dict[str, Any]
     return np.array([s, *(pieces.send(u[:, k : k + 2]) for k in range(u.shape[1] - 1))])
 
 
-def _closed(
+def _simulate_closed_loop(
     loop: dict[str, float], wanted: Floats, rates: Rates, s: Floats, p: Floats, options: dict[str, Any]
 ) -> Floats:
     """Return the states at the samples under the PID; a command takes effect one sample after its reading."""

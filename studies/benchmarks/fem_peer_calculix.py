@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from studies.benchmarks import fem_peer_gmsh
-from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
+from studies.benchmarks.fem_peer_case import Case, PeerResult, Stopwatch, serve
 
 #: Meshes in layers, a coarse and a fine one: nothing but the solver is another's.
 SETTINGS = fem_peer_gmsh.SETTINGS[1::3]
@@ -51,10 +51,10 @@ def deck(case: Case, points: np.ndarray, tets: np.ndarray, pushed: np.ndarray, f
     return "\n".join([*lines, "*NODE PRINT, NSET=PUSHED", "U", "*END STEP", ""])
 
 
-def solve(case: Case, **settings: Any) -> Answer:
+def solve(case: Case, **settings: Any) -> PeerResult:
     """Solve; the answer's seconds for solving hold those for writing and reading."""
     watch = Stopwatch()
-    points, tets = fem_peer_gmsh.meshed(case, **settings, order=2)
+    points, tets = fem_peer_gmsh.make_mesh(case, **settings, order=2)
     took = watch.lap()
     tets = tets[:, ORDER]
     faces = tets[:, FACES].reshape(-1, 6)
@@ -72,7 +72,7 @@ def solve(case: Case, **settings: Any) -> Answer:
         found = [line.split() for line in job.with_suffix(".dat").read_text().splitlines()]
     moved = {int(row[0]) - 1: float(row[1]) for row in found if len(row) == 4 and row[0].isdigit()}
     work = sum(float(forces[n]) * moved[n] for n in pushed.tolist())
-    return Answer(case.stiffness(work), 3 * len(points), took, watch.lap())
+    return PeerResult(case.stiffness(work), 3 * len(points), took, watch.lap())
 
 
 if __name__ == "__main__":

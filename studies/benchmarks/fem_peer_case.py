@@ -86,7 +86,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Answer:
+class PeerResult:
     """What a program found: K_in [N/mm], its unknowns, and seconds for geometry and mesh, and for the rest."""
 
     stiffness: float
@@ -107,7 +107,7 @@ class Stopwatch:
         return self._began - last
 
 
-def serve(solve: Callable[..., Answer]) -> None:
+def serve(solve: Callable[..., PeerResult]) -> None:
     """Read a case and settings from the command line, solve, and print the answer."""
     table, settings = map(json.loads, sys.argv[1:3])
     outline = tuple((x, y) for x, y in table.pop("outline"))

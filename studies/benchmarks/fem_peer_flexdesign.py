@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
+from studies.benchmarks.fem_peer_case import Case, PeerResult, Stopwatch, serve
 
 #: Coarseness of each mesh, 1 being the finest of a validation with default settings; from cheap to expensive.
 SETTINGS: tuple[dict[str, Any], ...] = (
@@ -33,7 +33,7 @@ OTHER_WAYS: dict[str, tuple[dict[str, Any], ...]] = {
 ENVELOPE = 0.05
 
 
-def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: bool = False) -> Answer:
+def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: bool = False) -> PeerResult:
     """Solve as a sweep does, without its files."""
     from flexdesign.design import design
     from flexdesign.fem import analysis, convergence
@@ -61,7 +61,7 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: boo
     found = values[0]
     if len(values) > 1:
         found = convergence.extrapolate(values, sizes, mesh_noise=method.scatter).value
-    return Answer(1e-3 * found, unknowns, meshing, solving)
+    return PeerResult(1e-3 * found, unknowns, meshing, solving)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
+from studies.benchmarks.fem_peer_case import Case, PeerResult, Stopwatch, serve
 
 PIP = "gmsh"
 #: Edge at the roots [mm], its growth with the distance, largest edge [mm], number of layers (0: isotropic) and ratio of
@@ -23,7 +23,7 @@ SETTINGS: tuple[dict[str, Any], ...] = (
 )
 
 
-def meshed(
+def make_mesh(
     case: Case, at_root: float, growth: float, largest: float, layers: int, ratio: float, order: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return points (n, 3) [mm] and the nodes of the tetrahedra (m, 4), or (m, 10) of order 2 as gmsh lists them."""
@@ -66,13 +66,13 @@ def meshed(
     return places.reshape(-1, 3)[used], tets.reshape(-1, 4 if order == 1 else 10)
 
 
-def solve(case: Case, **settings: Any) -> Answer:
+def solve(case: Case, **settings: Any) -> PeerResult:
     """Solve with scikit-fem's own forms."""
     import skfem
     from skfem.models.elasticity import lame_parameters, linear_elasticity
 
     watch = Stopwatch()
-    points, tets = meshed(case, **settings)
+    points, tets = make_mesh(case, **settings)
     took = watch.lap()
     mesh = skfem.MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T))
     element = skfem.ElementVector(skfem.ElementTetP2())
@@ -91,7 +91,7 @@ def solve(case: Case, **settings: Any) -> Answer:
     ]
     free = np.setdiff1d(np.arange(basis.N), np.concatenate(held))
     work = load[free] @ _solution(stiffness[free][:, free], load[free])
-    return Answer(case.stiffness(float(work)), int(basis.N), took, watch.lap())
+    return PeerResult(case.stiffness(float(work)), int(basis.N), took, watch.lap())
 
 
 def _solution(matrix: Any, right: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
+from studies.benchmarks.fem_peer_case import Case, PeerResult, Stopwatch, serve
 
 PIP = "ngsolve"
 #: Order, largest edge and edge at the roots [mm], and how often the mesh is refined towards these, each time to this
@@ -18,7 +18,7 @@ SETTINGS: tuple[dict[str, Any], ...] = (
 )
 
 
-def meshed(case: Case, largest: float, at_root: float, steps: int, share: float) -> Any:
+def make_mesh(case: Case, largest: float, at_root: float, steps: int, share: float) -> Any:
     """Return the mesh [mm] with named faces."""
     import ngsolve
     from netgen.occ import OCCGeometry, WorkPlane
@@ -46,13 +46,13 @@ def meshed(case: Case, largest: float, at_root: float, steps: int, share: float)
     return mesh
 
 
-def solve(case: Case, order: int, largest: float, at_root: float, steps: int, share: float) -> Answer:
+def solve(case: Case, order: int, largest: float, at_root: float, steps: int, share: float) -> PeerResult:
     """Solve with inner unknowns condensed; of the direct solvers that the package brings, its own is the fastest."""
     import ngsolve as ng
 
     ng.SetNumThreads(2)
     watch = Stopwatch()
-    mesh = meshed(case, largest, at_root, steps, share)  # outside: idle threads would wait busily during meshing
+    mesh = make_mesh(case, largest, at_root, steps, share)  # outside: idle threads would wait busily during meshing
     took = watch.lap()
     with ng.TaskManager():
         held = {"dirichletx": "middle|ground", "dirichlety": "ground", "dirichletz": "back|ground"}
@@ -75,7 +75,7 @@ def solve(case: Case, order: int, largest: float, at_root: float, steps: int, sh
         moved.data += form.harmonic_extension * moved
         moved.data += form.inner_solve * right
         work = ng.InnerProduct(load.vec, moved)
-    return Answer(case.stiffness(work), space.ndof, took, watch.lap())
+    return PeerResult(case.stiffness(work), space.ndof, took, watch.lap())
 
 
 if __name__ == "__main__":

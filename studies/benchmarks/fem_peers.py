@@ -34,7 +34,7 @@ from studies.benchmarks import (
     fem_peer_reference,
     fem_peer_solvers,
 )
-from studies.benchmarks.fem_peer_case import Answer, Case
+from studies.benchmarks.fem_peer_case import Case, PeerResult
 
 ACCURACIES = (0.01, 0.003)
 #: How often the fastest settings run again, in turns; seconds after which a run is given up.
@@ -69,7 +69,7 @@ class Entry:
     program: str
     settings: Mapping[str, Any]
     run: Run
-    answer: Answer
+    answer: PeerResult
     error: float
 
 
@@ -100,11 +100,11 @@ def run(module: Any, *arguments: str) -> Run:
     return Run(output, wall, used.ru_utime + used.ru_stime, 1024 * used.ru_maxrss)
 
 
-def tried(program: str, case: Case, settings: Mapping[str, Any], truth: float) -> Entry:
+def run_program(program: str, case: Case, settings: Mapping[str, Any], truth: float) -> Entry:
     """Run a program with settings; `truth` is K_in [N/mm]."""
     table = {**asdict(case), "outline": list(case.outline)}
     done = run(PROGRAMS[program], json.dumps(table), json.dumps(settings))
-    answer = Answer(**done.output)
+    answer = PeerResult(**done.output)
     return Entry(program, settings, done, answer, answer.stiffness / truth - 1)
 
 
@@ -116,7 +116,7 @@ def reference(name: str) -> float:
     return float(found["limit"])
 
 
-def installed(program: str) -> bool:
+def is_installed(program: str) -> bool:
     """Tell whether a program is there; say how to get it if not."""
     packages = {"NGSolve": ["ngsolve"], "gmsh + scikit-fem": ["gmsh", "skfem"], "gmsh + CalculiX": ["gmsh"]}
     missing = [name for name in packages.get(program, []) if find_spec(name) is None]
@@ -149,11 +149,11 @@ def everything(case: Case, truth: float) -> list[Entry]:
     entries = []
     print(HEAD, flush=True)
     for program, module in PROGRAMS.items():
-        if not installed(program):
+        if not is_installed(program):
             continue
         for settings in module.SETTINGS:
             try:
-                entries.append(tried(program, case, settings, truth))
+                entries.append(run_program(program, case, settings, truth))
             except Failed as failure:
                 print(f"{program:19}{settings}: {failure}", flush=True)
             else:
@@ -174,7 +174,7 @@ def at(accuracy: float, entries: Sequence[Entry], case: Case, truth: float) -> d
     """Print the fastest settings of each program that reach an accuracy, run anew in turns; return their times [s]."""
     print(f"\nK_in to {100 * accuracy:g} %, the best of {1 + TURNS} runs\n{HEAD}")
     chosen = cheapest(accuracy, entries)
-    again = [tried(name, case, entry.settings, truth) for _ in range(TURNS) for name, entry in chosen.items()]
+    again = [run_program(name, case, entry.settings, truth) for _ in range(TURNS) for name, entry in chosen.items()]
     again += chosen.values()
     walls: dict[str, float] = {}
     for program in chosen:
@@ -195,7 +195,7 @@ def other_ways(case: Case, truth: float) -> None:
     for title, ways in fem_peer_flexdesign.OTHER_WAYS.items():
         print(f"\n{title}\n{HEAD}")
         for settings in ways:
-            print(line(tried("flexdesign", case, settings, truth)), flush=True)
+            print(line(run_program("flexdesign", case, settings, truth)), flush=True)
 
 
 def on_this_machine(name: str) -> None:

@@ -83,7 +83,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Manner:
+class FitSettings:
     """How a fit is made.
 
     Parameters
@@ -99,7 +99,7 @@ class Manner:
 
 
 @dataclass(frozen=True)
-class Ended:
+class SolverOutcome:
     """Where a solver ended.
 
     Parameters
@@ -120,13 +120,13 @@ class Ended:
 # --- the solvers ----------------------------------------------------------------------------------------------------
 
 
-def own(problem: Problem, manner: Manner, old: Columns) -> float:
+def solve_own(problem: Problem, manner: FitSettings, old: Columns) -> float:
     """Return the cost that the package's own method reaches."""
     found = levenberg_marquardt.solve(problem, problem.where.start, manner.effort, old or None)
     return math.inf if found is None else found.cost
 
 
-def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
+def solve_scipy(problem: Problem, manner: FitSettings, old: Columns) -> float:
     """Return the cost that SciPy's method reaches; its last Jacobian is that of where it ends."""
     where, places = problem.where, problem.places
     rows = [record.rows for record in problem.dataset.records]
@@ -156,13 +156,13 @@ def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
     return float(2.0 * found.cost)
 
 
-SOLVERS: dict[str, Callable[[Problem, Manner, Columns], float]] = {"own": own, "SciPy": scipys}
-MANNERS = {"to the end": Manner(MINIMUM, False), "roughly": Manner(STARTED, True)}
+SOLVERS: dict[str, Callable[[Problem, FitSettings, Columns], float]] = {"own": solve_own, "SciPy": solve_scipy}
+MANNERS = {"to the end": FitSettings(MINIMUM, False), "roughly": FitSettings(STARTED, True)}
 
 
-def compared(task: Task, manner: Manner) -> dict[str, Ended]:
+def compare_solvers(task: Task, manner: FitSettings) -> dict[str, SolverOutcome]:
     """Return where each solver ends."""
-    found = dict[str, Ended]()
+    found = dict[str, SolverOutcome]()
     for _ in range(REPEATS):
         for name, solver in SOLVERS.items():
             problem = task.make()
@@ -171,14 +171,14 @@ def compared(task: Task, manner: Manner) -> dict[str, Ended]:
             seconds = time.process_time() - began
             before = found[name].seconds if name in found else math.inf
             simulations = problem.evaluations / len(problem.dataset.records)
-            found[name] = Ended(cost, simulations, min(seconds, before))
+            found[name] = SolverOutcome(cost, simulations, min(seconds, before))
     return found
 
 
 # --- the problems ---------------------------------------------------------------------------------------------------
 
 
-def of_case(number: int, seed: int) -> Iterator[Task]:
+def tasks_of_case(number: int, seed: int) -> Iterator[Task]:
     """Yield the calibration of a case of the trial, and the fit with what is hidden, if a fit can show it."""
     with tempfile.TemporaryDirectory() as scratch, simulating(1) as each:
         here = Path(scratch)
@@ -190,7 +190,7 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
         held = undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
         start = grid_frequency(task, grid_delay(task, dynamics))
-        yield Task(f"{case.name}: calibration", _making(task, start, ()))
+        yield Task(f"{case.name}: calibration", _problem_maker(task, start, ()))
         fit = calibrate(task, start)
         if fit is None:
             return
@@ -199,27 +199,27 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
             return
         every = candidates(dynamics, (), periodic_disturbances.frequencies(data, fit))
         for effect in (each for each in every if each.name in case.effects):
-            making = _making(task, _begun(task, fit.model, effect), (effect,))
-            yield Task(f"{case.name}: with {effect.name}", making, _known(fit.solution.columns(), making()))
+            making = _problem_maker(task, _best_trial(task, fit.model, effect), (effect,))
+            yield Task(f"{case.name}: with {effect.name}", making, _matching_columns(fit.solution.columns(), making()))
 
 
-def _known(columns: Columns, problem: Problem) -> Columns:
+def _matching_columns(columns: Columns, problem: Problem) -> Columns:
     """Return columns of a Jacobian if they have the rows of a problem: effects may add initial conditions."""
     rows = [record.rows for record in problem.dataset.records]
     fits = all(c is None or len(c) == n for parts in columns.values() for c, n in zip(parts, rows, strict=True))
     return columns if fits else {}
 
 
-def _begun(task: EstimationTask, model: Model, effect: Candidate) -> Model:
+def _best_trial(task: EstimationTask, model: Model, effect: Candidate) -> Model:
     """Return a model with an effect at the trial that fits best."""
     added = effect.add(model)
     tried = [added.replace(values) for values in effect.trials]
-    problems = [_making(task, each, (effect,))() for each in tried]
+    problems = [_problem_maker(task, each, (effect,))() for each in tried]
     costs = [problem.cost(problem.where.start, problem.residuals(problem.where.start)) for problem in problems]
     return tried[int(np.argmin(costs))]
 
 
-def _making(task: EstimationTask, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
+def _problem_maker(task: EstimationTask, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
     """Return what makes the problem of a fit, as `fitted_model.solve_case` does."""
     task = task.prepared(task, model)
     where = task.coordinates(model, [*task.free, *(n for effect in effects for n in effect.free)], task.identify)
@@ -253,7 +253,7 @@ def _formula(model: Toy, seen: Any, sigma: float, known: dict[str, tuple[float, 
 # --- the table ------------------------------------------------------------------------------------------------------
 
 
-def row(name: str, found: dict[str, Ended]) -> list[str]:
+def row(name: str, found: dict[str, SolverOutcome]) -> list[str]:
     """Return a row of the table."""
     mine, other = found["own"], found["SciPy"]
     return [
@@ -282,12 +282,12 @@ HEADS = (
 )
 
 
-def is_lower(a: Ended, b: Ended) -> bool:
+def is_lower(a: SolverOutcome, b: SolverOutcome) -> bool:
     """Tell whether one cost is lower than another by more than solvers may leave."""
     return b.cost - a.cost > max(SMALL, SAME * a.cost)
 
 
-def summary(found: dict[str, dict[str, Ended]]) -> list[str]:
+def summary(found: dict[str, dict[str, SolverOutcome]]) -> list[str]:
     """Return what the table comes to."""
     pairs = [(each["own"], each["SciPy"]) for each in found.values()]
     same = [(a, b) for a, b in pairs if not is_lower(a, b) and not is_lower(b, a)]
@@ -312,12 +312,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=cases.SEED, help="of the trial's cases [default: %(default)s]")
     parser.add_argument("--out", type=Path, default=Path("reports/least_squares"), help="folder of the report")
     given = parser.parse_args(arguments)
-    tasks = (task for number in given.numbers or CASES for task in of_case(number, given.seed))
-    found = {(part, how): dict[str, dict[str, Ended]]() for how in MANNERS for part in PARTS}
+    tasks = (task for number in given.numbers or CASES for task in tasks_of_case(number, given.seed))
+    found = {(part, how): dict[str, dict[str, SolverOutcome]]() for how in MANNERS for part in PARTS}
     for task in (*(() if given.numbers else formulas()), *tasks):
         part = PARTS[": " in task.name]
         for how, manner in MANNERS.items():
-            found[part, how][task.name] = compared(task, manner)
+            found[part, how][task.name] = compare_solvers(task, manner)
             print(how, *row(task.name, found[part, how][task.name]), sep="  ", file=sys.stderr, flush=True)
     sections = [
         Section(f"{part}, {how}", summary(ended), [Table(HEADS, [row(*each) for each in ended.items()])])

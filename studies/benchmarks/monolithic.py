@@ -42,7 +42,7 @@ class WholePart:
     ports: Mapping[str, IntArray]
 
 
-def mirrored(mesh: TaggedMesh, domain: Domain) -> WholePart:
+def mirror_part(mesh: TaggedMesh, domain: Domain) -> WholePart:
     """Return the whole part from the mesh of its fundamental domain."""
     points, tets = mesh.points, mesh.tets
     ports = {name: mesh.on_face(face) for name, face in domain.ports.items()}
@@ -50,7 +50,7 @@ def mirrored(mesh: TaggedMesh, domain: Domain) -> WholePart:
         count, signs = len(points), np.where(np.arange(3) == plane.index, -1.0, 1.0)
         ports = _with_images(ports, {kept: image for image, kept in plane.swaps.items()}, count)
         points, tets = np.vstack([points, points * signs]), np.vstack([tets, tets[:, [0, 1, 3, 2]] + count])
-        points, tets, ports = _welded(points, tets, ports)
+        points, tets, ports = _weld(points, tets, ports)
     skin = boundary(tets)
     return WholePart(TaggedMesh(points, tets, skin, np.zeros(len(skin), dtype=np.int64)), ports)
 
@@ -66,7 +66,7 @@ def _with_images(ports: Mapping[str, IntArray], images: Mapping[str, str], count
     return found
 
 
-def _welded(
+def _weld(
     points: FloatArray, tets: IntArray, ports: Mapping[str, IntArray]
 ) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
     """Return a mesh with coincident points made one."""
@@ -128,7 +128,7 @@ class MonolithicStage:
         for piece, start in zip(every, starts[:-1].tolist(), strict=True):
             piece.start = start
         self._every, self._total = every, int(starts[-1])
-        self._dependence = self._tied()
+        self._dependence = self._tie_matrix()
 
     @property
     def unknowns(self) -> int:
@@ -137,7 +137,7 @@ class MonolithicStage:
 
     def statics(self, loads: FloatArray) -> FloatArray:
         """Return displacements of all degrees of freedom under nodal forces, both (n, k)."""
-        reduced = sp.triu(self._reduced("stiffness"), format="csr")
+        reduced = sp.triu(self._reduce("stiffness"), format="csr")
         factor = factorize(reduced)
         answer = self._dependence @ factor.solve(self._dependence.T @ loads)
         factor.free()
@@ -145,8 +145,8 @@ class MonolithicStage:
 
     def frequencies(self, count: int) -> FloatArray:
         """Return the lowest natural frequencies [Hz]."""
-        factor = factorize(sp.triu(self._reduced("stiffness"), format="csr"))
-        squares, _ = modes.lowest(sp.triu(self._reduced("mass"), format="csr"), factor.solve, count)
+        factor = factorize(sp.triu(self._reduce("stiffness"), format="csr"))
+        squares, _ = modes.lowest(sp.triu(self._reduce("mass"), format="csr"), factor.solve, count)
         factor.free()
         return np.asarray(np.sqrt(np.sort(squares)) / (2 * np.pi))
 
@@ -173,7 +173,7 @@ class MonolithicStage:
             rows[axis, piece.dofs] = (whole @ unit) / (unit @ whole @ unit)
         return rows
 
-    def _reduced(self, what: str) -> sp.csr_matrix:
+    def _reduce(self, what: str) -> sp.csr_matrix:
         made: dict[int, sp.csr_matrix] = {}
         blocks = []
         for piece in self._every:
@@ -184,7 +184,7 @@ class MonolithicStage:
         whole = sp.block_diag(blocks, format="csr")
         return (self._dependence.T @ whole @ self._dependence).tocsr()
 
-    def _tied(self) -> sp.csr_matrix:
+    def _tie_matrix(self) -> sp.csr_matrix:
         """Return D, shape (n, unknowns)."""
         ties = list(self._ties())
         rows, columns = (np.concatenate([pair[i] for _, pair, _ in ties]) for i in (0, 1))
@@ -206,9 +206,9 @@ class MonolithicStage:
                 nodes = np.unique(piece.body.surface_nodes(piece.body.mesh.facets))
                 yield from _following(piece, nodes, boxes[:index])
         for element, piece in zip(self.assembly.elements, self._pieces, strict=True):
-            yield from self._bonded(element, piece)
+            yield from self._bond(element, piece)
 
-    def _bonded(
+    def _bond(
         self, element: Element, piece: _Piece
     ) -> Iterator[tuple[IntArray, tuple[IntArray, IntArray], FloatArray]]:
         for port, facets in self.parts[element.name].ports.items():
@@ -253,7 +253,7 @@ def _following(
         if not within.any():
             continue
         left &= ~within
-        elements, barycentric = _located(master.body, places[within])
+        elements, barycentric = _locate(master.body, places[within])
         shape = shape_functions(barycentric)  # (q, 10)
         of_nodes = master.body.nodes[elements]
         turn = piece.placement.matrix
@@ -268,7 +268,7 @@ def _following(
         yield dofs, (rows.ravel(), columns.ravel()), np.broadcast_to(weights, (q, 10, 3, 3)).ravel()
 
 
-def _located(body: Elasticity, places: FloatArray) -> tuple[IntArray, FloatArray]:
+def _locate(body: Elasticity, places: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the element that each place lies in, shape (q,), and its barycentric coordinates there, shape (q, 4)."""
     gradients, _ = body.barycentric_gradients
     corners = body.mesh.points[body.mesh.tets]

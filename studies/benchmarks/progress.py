@@ -28,7 +28,7 @@ CASES = (10002, 10010, 20004, 20300, 21101, 30003, 40400)
 
 
 @dataclass(frozen=True)
-class Word:
+class Message:
     """What was said, and when [s]."""
 
     at: float
@@ -41,27 +41,27 @@ class Estimate:
 
     stage: str
     at: float
-    said: float | None
+    predicted: float | None
     true: float
 
 
-def words_of(number: int, seed: int = cases.SEED) -> list[Word]:
+def messages_of(number: int, seed: int = cases.SEED) -> list[Message]:
     """Return the words of the diagnosis of a case of the trial; the last one is its end."""
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)
         folder.write(cases.make(number, seed), here, here / "answer.toml")
         model, recorded = reading.read(here / folder.MODEL), recordings.read_runs([here / folder.RUNS])
-    began, words = time.process_time(), list[Word]()
+    began, words = time.process_time(), list[Message]()
 
     def say(text: str) -> None:
-        words.append(Word(time.process_time() - began, text))
+        words.append(Message(time.process_time() - began, text))
 
     diagnosis.diagnose(model, recorded, threads=1, progress=say)
     say("")
     return words
 
 
-def estimates(words: list[Word]) -> list[Estimate]:
+def estimates(words: list[Message]) -> list[Estimate]:
     """Return what is said at the beginning of each stage of a diagnosis, and what was true."""
     now, found = 0.0, list[Estimate]()
     progress = Progress(lambda _: None, lambda: now)
@@ -75,7 +75,7 @@ def estimates(words: list[Word]) -> list[Estimate]:
     return found
 
 
-def lengths(words: list[Word]) -> dict[str, float]:
+def stage_durations(words: list[Message]) -> dict[str, float]:
     """Return how long each stage took after the first screening, over that; the last one if an effect was added."""
     found = estimates(words)
     ends = [*(each.at for each in found[1:]), words[-1].at]
@@ -91,14 +91,15 @@ def main(*numbers: str) -> None:
     """Print a line for every stage of every case, then what they come to."""
     every, ratios = list[dict[str, float]](), list[float]()
     for number in map(int, numbers or CASES):
-        words = words_of(number)
-        every.append(lengths(words))
+        words = messages_of(number)
+        every.append(stage_durations(words))
         for each in estimates(words):
-            if each.said is not None:
+            if each.predicted is not None:
                 print(
-                    f"{number}, {each.stage}: {duration_text(each.said)}, {each.said:.1f} s; in truth {each.true:.1f} s"
+                    f"{number}, {each.stage}: {duration_text(each.predicted)}, {each.predicted:.1f} s; "
+                    f"in truth {each.true:.1f} s"
                 )
-                ratios.append(each.true / each.said)
+                ratios.append(each.true / each.predicted)
     if ratios:
         inside = sum(1 / 3 <= ratio <= 3 for ratio in ratios)
         print(f"truth over estimate: {min(ratios):.2g} to {max(ratios):.2g}, {inside} of {len(ratios)} within 3 times")

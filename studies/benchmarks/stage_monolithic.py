@@ -23,14 +23,14 @@ from flexdesign.fem.meshing import domain, methods
 from flexdesign.fem.stage_condensation import DEGREE, HINGE_MODES, MODES
 from flexdesign.fem.superelements import superelement
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
-from studies.benchmarks.monolithic import MonolithicStage, WholePart, mirrored
+from studies.benchmarks.monolithic import MonolithicStage, WholePart, mirror_part
 
 Array = NDArray[np.float64]
 #: How many modes, and the edge length of the elements of the bodies [m].
 COUNT, BOX = 6, 4e-3
 
 
-def condensed(read: Any, assembly: Any, meshes: Sequence[Any]) -> tuple[Array, Array, float]:
+def solve_condensed(read: Any, assembly: Any, meshes: Sequence[Any]) -> tuple[Array, Array, float]:
     """Return compliance, frequencies and seconds of the stage put together from condensed parts."""
     began, parts = process_time(), {}
     for (piece, elements), (body, mesh) in zip(assembly.kinds(), meshes, strict=True):
@@ -76,9 +76,9 @@ def main(name: str = "lin2019_xyz_stage", coarseness: str = "5.0") -> tuple[floa
         body = domain.of_part(piece, chord=domain.chord(piece))
         grading = methods.Grading(body, piece.linkage().members, *methods.EXTRUDED_GRADING, None)
         meshes.append((body, methods.Extruded(grading).mesh(float(coarseness))))
-        whole = mirrored(meshes[-1][1], body)
+        whole = mirror_part(meshes[-1][1], body)
         parts |= {element.name: whole for element in elements}
-    quick, own, short = condensed(read, assembly, meshes)
+    quick, own, short = solve_condensed(read, assembly, meshes)
     slow, others, long = monolithic(read, assembly, parts)
     print("\nstiffness and amplification, condensed over in one piece")
     for i, axis in enumerate(assembly.axes):

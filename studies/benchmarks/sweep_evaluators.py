@@ -57,10 +57,10 @@ def sample(count: int, seed: int) -> list[Design]:
     middle = design.read(design.find(NAME))
     rows = qmc.LatinHypercube(len(VARIED), rng=np.random.default_rng(seed)).random(count)
     scales = 1 + WITHIN * (2 * rows - 1)
-    return [changed(middle, dict(zip(VARIED, row, strict=True))) for row in scales]
+    return [scale_dimensions(middle, dict(zip(VARIED, row, strict=True))) for row in scales]
 
 
-def changed(given: Design, scales: dict[str, float]) -> Design:
+def scale_dimensions(given: Design, scales: dict[str, float]) -> Design:
     """Return a design with dimensions multiplied."""
     scaled = {name: given.dimensions[name] * scale for name, scale in scales.items()}
     return replace(given, dimensions={**given.dimensions, **scaled})
@@ -129,7 +129,7 @@ def evaluators(anew: int, count: int) -> None:
         print(f"{count} designs anew, {what}: {scaled:.0f} s (measured on {len(walls)}, {np.mean(walls):.1f} s each)")
         print(f"  fast: {quick:.0f} s, {anchors} anchors among them: {scaled / quick:.1f} times faster")
     print(f"  a morphed design: {1e3 * morphed:.0f} ms")
-    told("fast solid", np.array(errors), np.array(estimates))
+    print_errors("fast solid", np.array(errors), np.array(estimates))
     flat(designs, [designs[index] for index in chosen], truths, np.array(whole), np.array(alone))
 
 
@@ -152,10 +152,10 @@ def flat(
         f"planar: {1e3 * each:.0f} ms a design; solid anew takes {np.mean(whole) / each:.0f} times as long as validate "
         f"does it, {np.mean(alone) / each:.0f} times lean; correction of order {correction.order} from {SAMPLES} solids"
     )
-    told("planar, corrected", np.array(errors), np.array(estimates))
+    print_errors("planar, corrected", np.array(errors), np.array(estimates))
 
 
-def told(what: str, errors: Array, estimates: Array) -> None:
+def print_errors(what: str, errors: Array, estimates: Array) -> None:
     """Print errors quantity by quantity."""
     print(f"{what}: largest error, root mean square, mean estimate, errors within their estimate")
     for i, key in enumerate(KEYS):
@@ -169,7 +169,7 @@ def told(what: str, errors: Array, estimates: Array) -> None:
 def smoothness(name: str = "hinge_thickness", places: int = 21) -> None:
     """Print the noise of K_in over a dimension on morphed meshes and on meshes made anew."""
     middle = design.read(design.find(NAME))
-    designs = [changed(middle, {name: scale}) for scale in np.geomspace(1 - WITHIN, 1 + WITHIN, places)]
+    designs = [scale_dimensions(middle, {name: scale}) for scale in np.geomspace(1 - WITHIN, 1 + WITHIN, places)]
     fast, planar = FastSolid(ACCURACY, anchors=[middle]), Planar()
     planar.evaluate(middle)
     curves: dict[str, list[float]] = {}

@@ -23,7 +23,7 @@ from typing import Any
 ROOT = Path(__file__).parent.parent.parent
 #: Times of the page and the slider, and of a tick; what is promised [s].
 PAGES, SLIDES, TICKS = 5, 20, 3
-PROMISED = {"first page": 3.0, "slider": 0.1, "tick": 3.0, "tick before the evidence": 3.0}
+LIMITS = {"first page": 3.0, "slider": 0.1, "tick": 3.0, "tick before the evidence": 3.0}
 #: Milliseconds from a key on a slider until the ladder has changed and is painted, measured in the page itself.
 SLIDE = """
 () => new Promise(resolve => {
@@ -91,7 +91,7 @@ class Measured:
             (median, cpu), worst = map(statistics.median, zip(*pairs, strict=True)), max(pairs)[0]
             lines.append(
                 f"{name}: median {median:.3g} s, worst {worst:.3g} s of {len(pairs)}, processor time {cpu:.2g} s; "
-                f"promised {PROMISED[name]:g} s"
+                f"promised {LIMITS[name]:g} s"
             )
         return "\n".join(lines)
 

@@ -12,7 +12,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache, default_folder
 from flexdesign.report import render
 from studies.error_bars import report, trial
-from studies.error_bars.designs import COUNT, Drawn, curved_designs, designs
+from studies.error_bars.designs import COUNT, SampledDesign, curved_designs, designs
 from studies.error_bars.findings import Case, judge
 
 OUT = Path("reports/error_bars")
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--work", type=Path, help="folder of the single results; without it, in the cache")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the report")
     given = parser.parse_args(arguments)
-    asked = _asked(given.designs, given.method, curved=given.curved)
+    asked = _select_cases(given.designs, given.method, curved=given.curved)
     try:
         render.prepare(given.out)
         store = Cache(default_folder())
@@ -38,8 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given.fresh:
             trial.forget(work)
         cases, began = [], perf_counter()
-        for count, (drawn, method) in enumerate(asked, 1):
-            cases.append(_case(drawn, method, work, store))
+        for count, (sample, method) in enumerate(asked, 1):
+            cases.append(_case(sample, method, work, store))
             left = (perf_counter() - began) / count * (len(asked) - count) / 60
             print(f"{count:3d}/{len(asked)}  {_line(cases[-1])}  [{left:.0f} min left]", file=sys.stderr, flush=True)
         render.write(given.out, report.document(cases), report.of(cases), {})
@@ -47,31 +47,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(*report.summary(cases), given.out / "report.html", sep="\n")
-    return 0 if _hold(cases) else 1
+    return 0 if _estimates_hold(cases) else 1
 
 
-def _asked(count: int, method: trial.Method | None, *, curved: bool) -> list[tuple[Drawn, trial.Method]]:
+def _select_cases(count: int, method: trial.Method | None, *, curved: bool) -> list[tuple[SampledDesign, trial.Method]]:
     """Return designs and methods: those with leaves by every method, those with curved necks by extruded meshes."""
     methods: tuple[trial.Method, ...] = () if curved else (method,) if method else ("extruded", "wild")
-    asked = [(d, how) for how in methods for d in designs()[:count] if how == "extruded" or d.wild]
+    asked = [(d, how) for how in methods for d in designs()[:count] if how == "extruded" or d.is_unstructured]
     if not method:
-        asked += [(drawn, "extruded") for drawn in curved_designs()[:count]]
+        asked += [(sample, "extruded") for sample in curved_designs()[:count]]
     return asked
 
 
-def _case(drawn: Drawn, method: trial.Method, work: Path, store: Cache) -> Case:
+def _case(sample: SampledDesign, method: trial.Method, work: Path, store: Cache) -> Case:
     def say(text: str) -> None:
-        print(f"design {drawn.number}: {text}", file=sys.stderr, flush=True)
+        print(f"design {sample.number}: {text}", file=sys.stderr, flush=True)
 
-    return Case(drawn, method, trial.answered(drawn, method, work, store, say), trial.known(drawn, work, say))
+    return Case(
+        sample, method, trial.solve_design(sample, method, work, store, say), trial.solve_reference(sample, work, say)
+    )
 
 
 def _line(case: Case) -> str:
     found = case.answer.error or ", ".join(f"{deviation.in_estimates:+.2f}" for deviation in case.deviations)
-    return f"{case.drawn.number:2d} {case.group:8s} {found}"
+    return f"{case.sample.number:2d} {case.group:8s} {found}"
 
 
-def _hold(cases: Sequence[Case]) -> bool:
+def _estimates_hold(cases: Sequence[Case]) -> bool:
     """Tell whether estimates hold, group by group, and every design has an answer."""
     of_groups = [[d for c in cases if c.group == group for d in c.deviations] for group in report.GROUPS]
     return all(case.deviations for case in cases) and all(judge(found).holds for found in of_groups if found)

@@ -19,7 +19,16 @@ from typing import Protocol
 
 import numpy as np
 
-from studies.error_bars.hexahedra import Array, Body, Plan, between, graded, joined, sheared, with_middles
+from studies.error_bars.hexahedra import (
+    Array,
+    Body,
+    Plan,
+    graded_lines,
+    join_lines,
+    ruled_patch,
+    sheared_patch,
+    with_middles,
+)
 
 HALF_A_FILLET = np.pi / 4
 
@@ -138,7 +147,7 @@ class Roots:
         self.neck = self._neck(finer)
         self.depth = 0.75 * self.r
         spacing = 0.25 * finer if self.is_long else 0.5
-        self.columns = graded(0.0, 1.0, spacing, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
+        self.columns = graded_lines(0.0, 1.0, spacing, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
         self.leaf = self._across(finer)
 
     @property
@@ -155,7 +164,7 @@ class Roots:
             return self.halves
         arc = HALF_A_FILLET * self.r
         at_neck = min(0.3 * finer * self.t, arc * self.halves[1])
-        return graded(0.0, 1.0, at_neck / arc, 1.0, 0.3 * self.growth, 0.5 * self.halves[1])
+        return graded_lines(0.0, 1.0, at_neck / arc, 1.0, 0.3 * self.growth, 0.5 * self.halves[1])
 
     def _across(self, finer: float) -> Array:
         """Return the lines across a leaf: as fine as its fillets, and of a long fillet four at least."""
@@ -167,11 +176,11 @@ class Roots:
     def layers(self, width: float) -> Array:
         """Return the planes that layer half the width."""
         growth = (0.8 if self.is_long else 1.25) * self.growth
-        return graded(0.0, width / 2, width, self.t * self.growth / 1.2, growth, width / 3)
+        return graded_lines(0.0, width / 2, width, self.t * self.growth / 1.2, growth, width / 3)
 
     def cut(self, start: float, end: float, at_start: float, at_end: float, largest: float | None = None) -> Array:
         """Return lines graded as stated."""
-        return graded(start, end, at_start, at_end, self.growth, largest or self.bulk)
+        return graded_lines(start, end, at_start, at_end, self.growth, largest or self.bulk)
 
     @property
     def reach(self) -> float:
@@ -184,7 +193,7 @@ class Roots:
             return self.leaf
         middle = self.t + self.r * (1 - np.cos(HALF_A_FILLET))
         side = middle + (self.reach - middle) * self.halves
-        return joined(-side[::-1], self.leaf * middle / self.t, side)
+        return join_lines(-side[::-1], self.leaf * middle / self.t, side)
 
     def beyond(self, end: float, at_end: float | None = None) -> Array:
         """Return the lines of a body from where the fillet ends to its own end."""
@@ -209,11 +218,11 @@ class Roots:
         a = np.stack(np.broadcast_arrays(along[:, None], y + height[:, None] * leaf), axis=-1)
         middle = height[-1]
         front = points(along[-1], y + middle * leaf)
-        c = between(front, points(behind, y + rise + middle * leaf), self.columns)
+        c = ruled_patch(front, points(behind, y + rise + middle * leaf), self.columns)
         along, height = arc(outer)
         level = middle + (self.reach - middle) * with_middles(self.halves)
         b = [
-            between(points(along, y + side * height), points(behind, y + rise + side * level), self.columns)
+            ruled_patch(points(along, y + side * height), points(behind, y + rise + side * level), self.columns)
             for side in (1, -1)
         ]
         return [a, *b, c]
@@ -223,7 +232,7 @@ class Roots:
         if not self.r:
             return []
         columns = x + towards * self.depth * self.columns
-        outside = [sheared(columns, y + rows, slope) for rows in (below, above)]
+        outside = [sheared_patch(columns, y + rows, slope) for rows in (below, above)]
         return self.fillets(x, y, towards, slope) + outside
 
 
@@ -249,7 +258,7 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
     slope = -part.arm_offset / (end - start)
     x_arm = cut(start + d, end - d, near, near)
     outside = roots.beyond(a)
-    y_arm = joined(-outside[::-1], roots.core(), outside)
+    y_arm = join_lines(-outside[::-1], roots.core(), outside)
     x_block = cut(0.0, xi - half - d, bulk, near)
     block_in, block_out = part.input_block
     rods = part.rod_length > 0
@@ -259,22 +268,22 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
     patches: list[Array] = []
     for side, block_height in ((1, part.output_block_height), (-1, part.ground_block_height)):
         above, below = roots.beyond(block_height - a), -outside[::-1]
-        quarter = [sheared(x_block, yi + joined(below, roots.core(), above))]
+        quarter = [sheared_patch(x_block, yi + join_lines(below, roots.core(), above))]
         quarter += roots.body(xi - half, yi, -1, 0.0, below, above)
         if x_leaf is not None:
-            quarter += [sheared(xi + x_leaf, yi + roots.leaf), sheared(xo + x_leaf, yo + roots.leaf)]
+            quarter += [sheared_patch(xi + x_leaf, yi + roots.leaf), sheared_patch(xo + x_leaf, yo + roots.leaf)]
         quarter += roots.body(start, yi, 1, slope, below, outside)
-        quarter += [sheared(x_arm, yi + slope * d + y_arm, slope)]
+        quarter += [sheared_patch(x_arm, yi + slope * d + y_arm, slope)]
         quarter += roots.body(end, yo, -1, slope, below, outside)
         if rods:
             below = -roots.beyond(yo - height, foot)[::-1]
             quarter += roots.body(face, yo, 1, 0.0, below, outside)
-            quarter += [sheared(x_rod, yo + joined(below, roots.core(), outside))]
+            quarter += [sheared_patch(x_rod, yo + join_lines(below, roots.core(), outside))]
         patches += [patch * (1.0, side) for patch in quarter]
     if rods:
-        columns = joined(face + d * roots.columns, x_rod) if roots.r else x_rod
-        x = joined(cut(block_in, face, bulk, near), columns, cut(columns[-1], block_out, foot, bulk))
-        patches.append(sheared(x, cut(-height, height, foot, foot)))
+        columns = join_lines(face + d * roots.columns, x_rod) if roots.r else x_rod
+        x = join_lines(cut(block_in, face, bulk, near), columns, cut(columns[-1], block_out, foot, bulk))
+        patches.append(sheared_patch(x, cut(-height, height, foot, foot)))
     else:
         patches += _block_without_rods(roots, face, yo, x_rod, outside)
     plan = Plan.of(patches)
@@ -286,13 +295,13 @@ def _block_without_rods(roots: Roots, face: float, y: float, x: Array, outside: 
     """Return the patches of an input block that carries both arms itself, from its face at x = `face`."""
     inside = y - roots.reach
     middle = roots.cut(-inside, inside, roots.at_root, roots.at_root)
-    upper = y + joined(roots.core(), outside)
-    patches = [sheared(x, joined(-upper[::-1], middle, upper))]
+    upper = y + join_lines(roots.core(), outside)
+    patches = [sheared_patch(x, join_lines(-upper[::-1], middle, upper))]
     if roots.r:
         columns = face + roots.depth * roots.columns
-        patches.append(sheared(columns, middle))
+        patches.append(sheared_patch(columns, middle))
         for side in (1, -1):
-            pieces = [*roots.fillets(face, y, 1, 0.0), sheared(columns, y + outside)]
+            pieces = [*roots.fillets(face, y, 1, 0.0), sheared_patch(columns, y + outside)]
             patches += [patch * (1.0, side) for patch in pieces]
     return patches
 
@@ -344,14 +353,14 @@ def solve(
     near = 1e-9 * float(np.ptp(plan.nodes))
     bottom, top = plan.nodes[:, 1].min(), plan.nodes[:, 1].max()
 
-    def fixed(nodes: Array, z: Array) -> Array:
+    def is_fixed(nodes: Array, z: Array) -> Array:
         held = np.zeros((len(nodes), 3, z.size), dtype=bool)
         held[nodes[:, 0] < near, 0] = True
         held[:, 2, 0] = True
         held[nodes[:, 1] < bottom + near] = True
         return held
 
-    body = Body(plan, layers, youngs_modulus, poissons_ratio, fixed)
+    body = Body(plan, layers, youngs_modulus, poissons_ratio, is_fixed)
     x_face, y_face = part.input_block[0], part.input_block_height / 2
     if part.rod_length == 0:  # the face ends at the hinges
         y_face = part.outer_hinge[1] - part.hinge_thickness / 2 - part.fillet_radius

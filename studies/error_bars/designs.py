@@ -27,7 +27,7 @@ METALS = ("Al 7075-T6", "AZ31B", "Ti-6Al-4V", "Steel 1.4310 full hard")
 WITHOUT_RODS, ROUNDED = 4, 3
 #: Designs up to this number of hinge thicknesses wide are meshed with isotropic tetrahedra, too. Those are as short
 #: along a root as across it: of wider parts there are too many for a study of forty.
-WIDEST_WILD = 20.0
+WIDEST_UNSTRUCTURED = 20.0
 DESIGN = "bridge_amplifier"
 #: Of the curved designs, in turn: the part, and whether fillets leave nothing of the leaf.
 PARTS = Path(__file__).parent / "parts"
@@ -38,7 +38,7 @@ RADII, LARGEST_RADIUS = (1.2, 10.0), 5.0
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SampledDesign:
     """A design by its number.
 
     Parameters
@@ -79,9 +79,9 @@ class Drawn:
         return "circular notches, declared as fillets" if whole else "long fillets"
 
     @property
-    def wild(self) -> bool:
+    def is_unstructured(self) -> bool:
         """Whether it is meshed with isotropic tetrahedra, too."""
-        return not self.curved and self.dimensions["width"] <= WIDEST_WILD * self.dimensions["hinge_thickness"]
+        return not self.curved and self.dimensions["width"] <= WIDEST_UNSTRUCTURED * self.dimensions["hinge_thickness"]
 
     def study(self, accuracy: float, method: str) -> Study:
         """Return the study that asks for an accuracy (relative) by a method; what it needs not do is left out.
@@ -98,7 +98,7 @@ class Drawn:
         settings |= {f"dimensions.{name}": f"{value:.6g} mm" for name, value in self.dimensions.items()}
         return study.read(self.design, [f"{key}={value}" for key, value in settings.items()])
 
-    def words(self) -> str:
+    def text(self) -> str:
         """Return what distinguishes it from the others."""
         d = self.dimensions
         root = f"R {d['fillet_radius']:.2g}" if self.rounded else "sharp"
@@ -108,44 +108,44 @@ class Drawn:
 
 
 @cache
-def designs(seed: int = SEED, count: int = COUNT) -> tuple[Drawn, ...]:
+def designs(seed: int = SEED, count: int = COUNT) -> tuple[SampledDesign, ...]:
     """Draw designs until enough of them can be built."""
     rng = np.random.default_rng(seed)
-    found: list[Drawn] = []
+    found: list[SampledDesign] = []
     while len(found) < count:
         number = len(found)
         kinds = {"rods": number % WITHOUT_RODS != WITHOUT_RODS - 1, "rounded": number % ROUNDED == ROUNDED - 1}
-        drawn = Drawn(number, _dimensions(rng, **kinds), str(rng.choice(METALS)))
+        sample = SampledDesign(number, _draw_dimensions(rng, **kinds), str(rng.choice(METALS)))
         try:
-            drawn.study(0.01, "auto")
+            sample.study(0.01, "auto")
         except InputError:
             continue
-        found.append(drawn)
+        found.append(sample)
     return tuple(found)
 
 
 @cache
-def curved_designs(seed: int = SEED, count: int = COUNT) -> tuple[Drawn, ...]:
+def curved_designs(seed: int = SEED, count: int = COUNT) -> tuple[SampledDesign, ...]:
     """Draw designs with curved necks until enough of them can be built; their numbers follow those of `designs`."""
     rng = np.random.default_rng(seed + 1)
-    found: list[Drawn] = []
+    found: list[SampledDesign] = []
     while len(found) < count:
         number = len(found)
         design, whole = CURVED[number % len(CURVED)]
         rods = number % WITHOUT_RODS != number // WITHOUT_RODS % WITHOUT_RODS
-        dimensions = _curved(rng, rods=rods, whole=whole)
-        drawn = Drawn(COUNT + number, dimensions, str(rng.choice(METALS)), design)
+        dimensions = _draw_curved_dimensions(rng, rods=rods, whole=whole)
+        sample = SampledDesign(COUNT + number, dimensions, str(rng.choice(METALS)), design)
         try:
-            drawn.study(0.01, "auto")
+            sample.study(0.01, "auto")
         except InputError:
             continue
-        found.append(drawn)
+        found.append(sample)
     return tuple(found)
 
 
-def _curved(rng: np.random.Generator, *, rods: bool, whole: bool) -> dict[str, float]:
+def _draw_curved_dimensions(rng: np.random.Generator, *, rods: bool, whole: bool) -> dict[str, float]:
     """Draw dimensions of a bridge with curved necks [mm]; bodies are large enough for the reference's patches."""
-    even, even_logarithm = partial(_even, rng), partial(_even_logarithm, rng)
+    even, even_logarithm = partial(_uniform, rng), partial(_log_uniform, rng)
     t = even_logarithm(0.2, 1.0)
     radius = float(f"{even_logarithm(RADII[0] * t, min(RADII[1] * t, LARGEST_RADIUS)):.4g}")
     leaf = 2 * radius * (1.0 if whole else even(1.1, 2.0))
@@ -170,9 +170,9 @@ def _curved(rng: np.random.Generator, *, rods: bool, whole: bool) -> dict[str, f
     return {name: float(f"{value:.4g}") for name, value in dimensions.items()}
 
 
-def _dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[str, float]:
+def _draw_dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[str, float]:
     """Draw dimensions [mm]; those that scale stiffnesses by orders of magnitude have even logarithms."""
-    even, even_logarithm = partial(_even, rng), partial(_even_logarithm, rng)
+    even, even_logarithm = partial(_uniform, rng), partial(_log_uniform, rng)
     t = even_logarithm(0.2, 1.0)
     span = even(10.0, 40.0)
     arm = even(max(1.5, 2.5 * t), 5.0)
@@ -198,9 +198,9 @@ def _dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[
     return {name: float(f"{value:.4g}") for name, value in dimensions.items()}
 
 
-def _even(rng: np.random.Generator, low: float, high: float) -> float:
+def _uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(rng.uniform(low, high))
 
 
-def _even_logarithm(rng: np.random.Generator, low: float, high: float) -> float:
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.error_bars.designs import Drawn
-from studies.error_bars.trial import Answered, Known, Method
+from studies.error_bars.designs import SampledDesign
+from studies.error_bars.trial import Method, ProgramResult, ReferenceResult
 
 #: What is asked: estimates that contain the truth.
-ASKED = 0.95
+REQUIRED_COVERAGE = 0.95
 #: Estimates this multiple of the errors, by root mean squares, are not honest either.
 OVERCAUTIOUS = 20.0
 
@@ -61,22 +61,24 @@ class Deviation:
 class Case:
     """One design, solved by one method and by the reference."""
 
-    drawn: Drawn
+    sample: SampledDesign
     method: Method
-    answer: Answered
-    known: Known
+    answer: ProgramResult
+    reference: ReferenceResult
 
     @property
     def group(self) -> str:
         """What it is judged with: designs with curved necks, or those with leaves by the method of their meshes."""
-        return "curved" if self.drawn.curved else self.method
+        return "curved" if self.sample.curved else self.method
 
     @property
     def deviations(self) -> list[Deviation]:
         """One for each quantity; none if the program gave no answer."""
-        answer, known = self.answer, self.known
+        answer, reference = self.answer, self.reference
         return [
-            Deviation(key, answer.values[key], answer.estimates[key], known.values[key], known.uncertainties[key])
+            Deviation(
+                key, answer.values[key], answer.estimates[key], reference.values[key], reference.uncertainties[key]
+            )
             for key in answer.values
         ]
 
@@ -119,7 +121,7 @@ class Judgement:
     @property
     def holds(self) -> bool:
         """Whether that is as much as is asked, by estimates that say something."""
-        return self.share >= ASKED and self.caution < OVERCAUTIOUS
+        return self.share >= REQUIRED_COVERAGE and self.caution < OVERCAUTIOUS
 
 
 def judge(deviations: Sequence[Deviation]) -> Judgement:

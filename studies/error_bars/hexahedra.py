@@ -23,7 +23,7 @@ Selector = Callable[[Array, Array], Array]
 POINTS = 4
 
 
-def graded(start: float, end: float, at_start: float, at_end: float, growth: float, largest: float) -> Array:
+def graded_lines(start: float, end: float, at_start: float, at_end: float, growth: float, largest: float) -> Array:
     """Return lines from `start` to `end`, spaced `at_start` and `at_end` at the ends and wider from there.
 
     Parameters
@@ -48,7 +48,7 @@ def graded(start: float, end: float, at_start: float, at_end: float, growth: flo
     return np.asarray(lines)
 
 
-def joined(*pieces: Array) -> Array:
+def join_lines(*pieces: Array) -> Array:
     """Join lines that end where the next ones start."""
     return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
 
@@ -128,13 +128,13 @@ class Plan:
         return np.asarray(weights / weights.sum())
 
 
-def sheared(x: Array, y: Array, slope: float = 0.0) -> Array:
+def sheared_patch(x: Array, y: Array, slope: float = 0.0) -> Array:
     """Return a patch of lines x, and lines y at the first x that rise by `slope`."""
     gx, gy = np.meshgrid(with_middles(x), with_middles(y), indexing="ij")
     return np.stack([gx, gy + slope * (gx - x[0])], axis=-1)
 
 
-def between(first: Array, last: Array, fractions: Array) -> Array:
+def ruled_patch(first: Array, last: Array, fractions: Array) -> Array:
     """Return a patch that leads straight from the nodes of one side, (n, 2), to those of the opposite one.
 
     `fractions` from 0 to 1 says where its lines between them lie, shape (k,), their middles left out.

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from studies.error_bars.bridge import Fineness, Roots
-from studies.error_bars.hexahedra import Array, Body, Plan, sheared
+from studies.error_bars.hexahedra import Array, Body, Plan, sheared_patch
 
 
 class Lever(Protocol):
@@ -63,11 +63,11 @@ def plan(part: Lever, fineness: Fineness) -> Plan:
         cut(behind, first, near, foot), cut(first, last, foot, foot), cut(last, part.output_arm - b, foot, foot),
         cut(part.output_arm - b, part.end, foot, bulk),
     ]  # fmt: skip
-    patches.append(sheared(cut(part.start, -behind, bulk, near), lines))
-    patches += [sheared(columns, lines) for columns in bar]
+    patches.append(sheared_patch(cut(part.start, -behind, bulk, near), lines))
+    patches += [sheared_patch(columns, lines) for columns in bar]
     top = part.half + part.boss_height
     rise = cut(part.half, top, foot, bulk)
-    patches += [sheared(bar[1], -rise[::-1]), sheared(bar[3], rise)]
+    patches += [sheared_patch(bar[1], -rise[::-1]), sheared_patch(bar[3], rise)]
     return Plan.of(patches)
 
 
@@ -87,13 +87,13 @@ def solve(part: Lever, youngs_modulus: float, poissons_ratio: float, fineness: F
     layers = Roots(part.neck, part.radius, 2 * part.half, fineness).layers(part.width)
     near, top = 1e-9 * float(np.ptp(flat.nodes)), part.half + part.boss_height
 
-    def fixed(nodes: Array, z: Array) -> Array:
+    def is_fixed(nodes: Array, z: Array) -> Array:
         held = np.zeros((len(nodes), 3, z.size), dtype=bool)
         held[:, 2, 0] = True
         held[nodes[:, 0] < part.start + near] = True
         return held
 
-    body = Body(flat, layers, youngs_modulus, poissons_ratio, fixed)
+    body = Body(flat, layers, youngs_modulus, poissons_ratio, is_fixed)
     pushed = body.average(lambda x, y: y < -top + near, 1)
     output = body.average(lambda x, y: y > top - near, 1)
     moved = body.solve(np.column_stack([pushed / 2, output / 2]))

@@ -12,11 +12,11 @@ from flexdesign.core.serialise import header
 from flexdesign.fem import convergence
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
-from studies.error_bars.findings import ASKED, OVERCAUTIOUS, Case, Deviation, Judgement, judge
-from studies.error_bars.trial import ACCURACY, STRESS, judged
+from studies.error_bars.findings import OVERCAUTIOUS, REQUIRED_COVERAGE, Case, Deviation, Judgement, judge
+from studies.error_bars.trial import ACCURACY, STRESS, compared_keys
 
 #: How a quantity is written, its unit, and how many SI units that is.
-SHOWN = {
+DISPLAY = {
     "K_in_output_free": ("K_in", "N/mm", 1e3),
     "lambda_output_free": ("λ", "", 1.0),
     "K_out_input_free": ("K_out free", "N/mm", 1e3),
@@ -41,7 +41,7 @@ def document(cases: Sequence[Case]) -> Document:
     for group, title in GROUPS.items():
         of_group = [case for case in cases if case.group == group]
         if any(case.deviations for case in of_group):
-            sections.append(_in_all(title, of_group))
+            sections.append(_overview(title, of_group))
     sections += [_designs(title, [c for c in solved if c.group == group]) for group, title in GROUPS.items()]
     return Document("Are the error estimates true?", summary(cases), [s for s in sections if s.tables or s.paragraphs])
 
@@ -58,14 +58,14 @@ def summary(cases: Sequence[Case]) -> list[str]:
         whole = sum(all(deviation.contained for deviation in case.deviations) for case in solved)
         said.append(
             f"{title}: {verdict.contained} of {verdict.count} estimates contain the reference "
-            f"({100 * verdict.share:.3g} %; {100 * ASKED:.0f} % are asked for), all {len(judged(solved[0].drawn))} of "
-            f"a design in {whole} of {len(solved)} designs. The median estimate is "
-            f"{_percent(verdict.median_estimate)}, the median error {_percent(verdict.median_error)}; by root mean "
-            f"squares estimates are {verdict.caution:.1f} times the errors. "
+            f"({100 * verdict.share:.3g} %; {100 * REQUIRED_COVERAGE:.0f} % are asked for), all "
+            f"{len(compared_keys(solved[0].sample))} of a design in {whole} of {len(solved)} designs. The median "
+            f"estimate is {_percent(verdict.median_estimate)}, the median error {_percent(verdict.median_error)}; by "
+            f"root mean squares estimates are {verdict.caution:.1f} times the errors. "
             f"A design takes {_median_seconds(solved):.0f} s."
         )
         said += [
-            f"Design {case.drawn.number} ({case.drawn.words()}) has no answer: {case.answer.error}"
+            f"Design {case.sample.number} ({case.sample.text()}) has no answer: {case.answer.error}"
             for case in of_group
             if not case.deviations
         ]
@@ -91,15 +91,15 @@ def of(cases: Sequence[Case]) -> dict[str, Any]:
 
 def _entry(case: Case) -> dict[str, Any]:
     return {
-        "design": case.drawn.number,
+        "design": case.sample.number,
         "method": case.method,
-        "material": case.drawn.material,
-        "dimensions": {name: f"{value:g} mm" for name, value in case.drawn.dimensions.items()},
+        "material": case.sample.material,
+        "dimensions": {name: f"{value:g} mm" for name, value in case.sample.dimensions.items()},
         "quantities": [vars(deviation) | {"contained": deviation.contained} for deviation in case.deviations],
         "unknowns": list(case.answer.unknowns),
         "elements": case.answer.elements,
         "seconds": round(case.answer.seconds, 1),
-        "reference": {"unknowns": case.known.unknowns, "seconds": round(case.known.seconds, 1)},
+        "reference": {"unknowns": case.reference.unknowns, "seconds": round(case.reference.seconds, 1)},
         "error": case.answer.error,
     }
 
@@ -123,18 +123,18 @@ def _about() -> Section:
     )
 
 
-def _in_all(title: str, cases: Sequence[Case]) -> Section:
+def _overview(title: str, cases: Sequence[Case]) -> Section:
     solved = [case for case in cases if case.deviations]
-    keys = judged(cases[0].drawn)
-    rows = [_judged(SHOWN[key][0], judge([d for d in _all(solved) if d.quantity == key])) for key in keys]
-    for kind in dict.fromkeys(case.drawn.kind for case in solved):
-        rows.append(_judged(kind, judge(_all([case for case in solved if case.drawn.kind == kind]))))
-    rows.append(_judged("all", judge(_all(solved))))
+    keys = compared_keys(cases[0].sample)
+    rows = [_row(DISPLAY[key][0], judge([d for d in _all(solved) if d.quantity == key])) for key in keys]
+    for kind in dict.fromkeys(case.sample.kind for case in solved):
+        rows.append(_row(kind, judge(_all([case for case in solved if case.sample.kind == kind]))))
+    rows.append(_row("all", judge(_all(solved))))
     group = cases[0].group
     return Section(title, [], [Table(HEAD, rows)], [_histogram(solved, group), _bars(solved, group)])
 
 
-def _judged(what: str, found: Judgement) -> list[str]:
+def _row(what: str, found: Judgement) -> list[str]:
     return [
         what,
         f"{found.contained} of {found.count}",
@@ -146,16 +146,16 @@ def _judged(what: str, found: Judgement) -> list[str]:
 
 
 def _designs(title: str, cases: Sequence[Case]) -> Section:
-    shown = [SHOWN[key] for key in judged(cases[0].drawn)] if cases else []
+    shown = [DISPLAY[key] for key in compared_keys(cases[0].sample)] if cases else []
     head = ["design", *(f"{name} [{unit}]" if unit else name for name, unit, _ in shown)]
     head += ["off, in estimates", "meshes", "s", "reference s"]
     rows = []
     for case in cases:
-        cells = [_written(deviation) for deviation in case.deviations]
+        cells = [_value_text(deviation) for deviation in case.deviations]
         off = ", ".join(f"{deviation.in_estimates:+.2f}" for deviation in case.deviations)
         finest = f"{len(case.answer.sizes)} to {case.answer.unknowns[-1] / 1e3:.0f} k"
-        seconds = [f"{case.answer.seconds:.0f}", f"{case.known.seconds:.0f}"]
-        rows.append([f"{case.drawn.number}: {case.drawn.words()}", *cells, off, finest, *seconds])
+        seconds = [f"{case.answer.seconds:.0f}", f"{case.reference.seconds:.0f}"]
+        rows.append([f"{case.sample.number}: {case.sample.text()}", *cells, off, finest, *seconds])
     caption = (
         "Value ± estimate, and the reference in brackets; t thickness of the hinges, l span and offset of the arms, w "
         "width, R fillets [mm]. Meshes: how many, and the finest one's unknowns."
@@ -163,8 +163,8 @@ def _designs(title: str, cases: Sequence[Case]) -> Section:
     return Section(f"{title}: every design", [], [Table(head, rows, caption)] if rows else [], folded=True)
 
 
-def _written(deviation: Deviation) -> str:
-    scale = SHOWN[deviation.quantity][2]
+def _value_text(deviation: Deviation) -> str:
+    scale = DISPLAY[deviation.quantity][2]
     value, estimate, reference = (x / scale for x in (deviation.value, deviation.estimate, deviation.reference))
     digits = int(np.clip(1 - np.floor(np.log10(estimate)), 0, 9))  # two digits of the estimate
     return f"{value:.{digits}f} ± {estimate:.{digits}f} ({reference:.{digits}f})"
@@ -176,8 +176,8 @@ def _histogram(cases: Sequence[Case], group: str) -> Figure:
     canvas = Canvas(figsize=(7.2, 3.0), layout="constrained")
     axes = canvas.add_subplot()
     charts.plain(axes)
-    keys = judged(cases[0].drawn)
-    groups = {SHOWN[key][0]: [d.in_estimates for d in _all(cases) if d.quantity == key] for key in keys}
+    keys = compared_keys(cases[0].sample)
+    groups = {DISPLAY[key][0]: [d.in_estimates for d in _all(cases) if d.quantity == key] for key in keys}
     reach = max(1.2, 1.05 * max(abs(x) for found in groups.values() for x in found))
     edges = np.arange(-np.ceil(reach / 0.1), np.ceil(reach / 0.1) + 1) * 0.1
     colours = charts.COLOURS[: len(groups)]
@@ -199,14 +199,14 @@ def _bars(cases: Sequence[Case], group: str) -> Figure:
     charts.plain(axes)
     key = "K_in_output_free"
     found = [next(d for d in case.deviations if d.quantity == key) for case in cases]
-    for number, label in enumerate(dict.fromkeys(case.drawn.kind for case in cases)):
-        chosen = [i for i, case in enumerate(cases) if case.drawn.kind == label]
+    for number, label in enumerate(dict.fromkeys(case.sample.kind for case in cases)):
+        chosen = [i for i, case in enumerate(cases) if case.sample.kind == label]
         middle, half = ([100 * x for x in part] for part in _relative([found[i] for i in chosen]))
-        places = [cases[i].drawn.number for i in chosen]
+        places = [cases[i].sample.number for i in chosen]
         colour = charts.COLOURS[number]
         axes.errorbar(places, middle, half, fmt="o", color=colour, markersize=4, capsize=2, label=label)
     numbers, doubts = (
-        [case.drawn.number for case in cases],
+        [case.sample.number for case in cases],
         np.array([100 * d.uncertainty / d.reference for d in found]),
     )
     axes.bar(numbers, 2 * doubts, bottom=-doubts, width=0.9, color=charts.NEUTRAL, alpha=0.4, label="reference")

@@ -25,7 +25,7 @@ from flexdesign.fem import mesh_refinement, quantities
 from flexdesign.fem.meshing import domain, methods
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Bridge, Fineness, Reference
-from studies.error_bars.designs import Drawn
+from studies.error_bars.designs import SampledDesign
 
 Say = Callable[[str], None]
 Method = Literal["extruded", "wild"]
@@ -48,7 +48,7 @@ LEVELS, ORDERS = (1.0, 1.6), (4.0, 6.0)
 
 
 @dataclass(frozen=True)
-class Known:
+class ReferenceResult:
     """The reference's answers to one design.
 
     Parameters
@@ -68,7 +68,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Answered:
+class ProgramResult:
     """The program's answers to one design.
 
     Parameters
@@ -102,39 +102,39 @@ class Answered:
         return max((abs(self.estimates[key] / value) for key, value in self.values.items()), default=math.nan)
 
 
-def known(drawn: Drawn, folder: Path, say: Say) -> Known:
+def solve_reference(sample: SampledDesign, folder: Path, say: Say) -> ReferenceResult:
     """Return the reference's answers, from its file if there is one.
 
     An error that falls with a power p of the growth leaves (K_1 - K_2) / ((g_1 / g_2)^p - 1); the value is the middle
     of what the lowest and the highest p give, and its uncertainty half of their distance.
     """
-    question = content_key(drawn.dimensions, drawn.material, LEVELS, ORDERS, *_of_curved(drawn))
-    path = folder / f"{drawn.number:02d}-reference.json"
-    if (stored := _kept(path, question)) is not None:
-        return Known(**stored)
+    question = content_key(sample.dimensions, sample.material, LEVELS, ORDERS, *_curved_key(sample))
+    path = folder / f"{sample.number:02d}-reference.json"
+    if (stored := _read_result(path, question)) is not None:
+        return ReferenceResult(**stored)
     say("solving by hexahedra")
-    design = drawn.study(ACCURACY, "auto").design
+    design = sample.study(ACCURACY, "auto").design
     metal, part = design.material, cast(Bridge, design.part())
-    answer = extrapolated(
+    answer = extrapolate(
         *(bridge.solve(part, metal.youngs_modulus, metal.poissons_ratio, fineness=Fineness.of(x)) for x in LEVELS),
-        keys=judged(drawn),
+        keys=compared_keys(sample),
     )
-    _keep(path, question, asdict(answer))
+    _write_result(path, question, asdict(answer))
     return answer
 
 
-def judged(drawn: Drawn) -> tuple[str, ...]:
+def compared_keys(sample: SampledDesign) -> tuple[str, ...]:
     """Return the keys of what is judged of a design."""
-    return tuple(ALL if drawn.curved else QUANTITIES)
+    return tuple(ALL if sample.curved else QUANTITIES)
 
 
-def extrapolated(coarse: Reference, fine: Reference, keys: Sequence[str] = tuple(QUANTITIES)) -> Known:
+def extrapolate(coarse: Reference, fine: Reference, keys: Sequence[str] = tuple(QUANTITIES)) -> ReferenceResult:
     """Return the reference freed from its leading error."""
     ratio = Fineness.of(LEVELS[0]).growth / Fineness.of(LEVELS[1]).growth
     low, high = (1 / (ratio**order - 1) for order in ORDERS)
     names = {key: "hinge_stress" if key == STRESS else key for key in keys}
     pairs = {key: (getattr(coarse, name), getattr(fine, name)) for key, name in names.items()}
-    return Known(
+    return ReferenceResult(
         values={key: new + (new - old) * (low + high) / 2 for key, (old, new) in pairs.items()},
         uncertainties={key: abs(new - old) * abs(low - high) / 2 for key, (old, new) in pairs.items()},
         unknowns=fine.n_dof,
@@ -142,7 +142,7 @@ def extrapolated(coarse: Reference, fine: Reference, keys: Sequence[str] = tuple
     )
 
 
-def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered | None:
+def update_estimates(answer: ProgramResult, method: Method, accuracy: float) -> ProgramResult | None:
     """Return an answer with the estimates of today, from what its meshes gave; None if there would be other meshes.
 
     The program stops refining as soon as its estimate is small enough.
@@ -167,25 +167,27 @@ def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered |
     return None
 
 
-def answered(
-    drawn: Drawn, method: Method, folder: Path, cache: Cache, say: Say, accuracy: float = ACCURACY
-) -> Answered:
+def solve_design(
+    sample: SampledDesign, method: Method, folder: Path, cache: Cache, say: Say, accuracy: float = ACCURACY
+) -> ProgramResult:
     """Return what the program says of a design, from its file if there is one; that there is no mesh, too."""
-    question = content_key(drawn.dimensions, drawn.material, accuracy, method, *_of_curved(drawn))
-    path = folder / f"{drawn.number:02d}-{method}.json"
-    if (stored := _kept(path, question)) is not None and (answer := judged_anew(Answered(**stored), method, accuracy)):
+    question = content_key(sample.dimensions, sample.material, accuracy, method, *_curved_key(sample))
+    path = folder / f"{sample.number:02d}-{method}.json"
+    if (stored := _read_result(path, question)) is not None and (
+        answer := update_estimates(ProgramResult(**stored), method, accuracy)
+    ):
         return answer
     say(f"solving by the program ({method})")
     began = time.perf_counter()
     try:
-        answer = _solved(drawn.study(accuracy, method), cache, judged(drawn))
+        answer = _solve(sample.study(accuracy, method), cache, compared_keys(sample))
     except (InputError, ArithmeticError) as error:  # no mesh, or a solution that fails its checks
-        answer = Answered({}, {}, (), {}, (), time.perf_counter() - began, mesh_refinement.engine(), str(error))
-    _keep(path, question, asdict(answer))
+        answer = ProgramResult({}, {}, (), {}, (), time.perf_counter() - began, mesh_refinement.engine(), str(error))
+    _write_result(path, question, asdict(answer))
     return answer
 
 
-def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
+def _solve(study: Study, cache: Cache, keys: Sequence[str]) -> ProgramResult:
     """Solve as a validation does, but for lateral motions and modes, which are judged by nobody here."""
     began = time.perf_counter()
     part = study.design.part()
@@ -195,7 +197,7 @@ def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
     gathered = by_key(mesh_refinement.gather_quantities(study, levels, method.scatter))
     found = {key: gathered[key] for key in keys}
     by_level = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
-    return Answered(
+    return ProgramResult(
         values={key: quantity.value for key, quantity in found.items()},
         estimates={key: quantity.half_width or 0.0 for key, quantity in found.items()},
         sizes=[level.size for level in levels],
@@ -206,9 +208,9 @@ def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
     )
 
 
-def _of_curved(drawn: Drawn) -> tuple[str, ...]:
+def _curved_key(sample: SampledDesign) -> tuple[str, ...]:
     """Return what a question says of a curved design besides."""
-    return (Path(drawn.design).stem,) if drawn.curved else ()
+    return (Path(sample.design).stem,) if sample.curved else ()
 
 
 def forget(folder: Path) -> None:
@@ -217,7 +219,7 @@ def forget(folder: Path) -> None:
         path.unlink()
 
 
-def _kept(path: Path, question: str) -> dict[str, Any] | None:
+def _read_result(path: Path, question: str) -> dict[str, Any] | None:
     """Return what a file says, if it is there and answers the question."""
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -226,7 +228,7 @@ def _kept(path: Path, question: str) -> dict[str, Any] | None:
         return None
 
 
-def _keep(path: Path, question: str, answer: Mapping[str, Any]) -> None:
+def _write_result(path: Path, question: str, answer: Mapping[str, Any]) -> None:
     """Write a file whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix(f".{os.getpid()}.new")

@@ -19,7 +19,7 @@ from pathlib import Path
 from random import Random
 
 from flexdesign.core.errors import InputError
-from studies.fuzz_readers.mutations import damaged
+from studies.fuzz_readers.mutations import damage
 from studies.fuzz_readers.readers import READERS
 
 #: No reading takes longer, in seconds of the processor, which a busy machine does not lengthen; nor this multiple of it
@@ -92,7 +92,7 @@ class Hunt:
         files = dict(contents)
         if number:
             file = chance.choice(sorted(reader.damaged))
-            files[file] = damaged(files[file], reader.damaged[file], chance)
+            files[file] = damage(files[file], reader.damaged[file], chance)
         # It stays there if the process ends.
         now = self.folder / "now" / name
         shutil.rmtree(now, ignore_errors=True)
@@ -100,7 +100,7 @@ class Hunt:
         for file, data in files.items():
             (now / file).write_bytes(data)
         self.inputs[name] += 1
-        finding = self._judged(name, number, now, must_be_read=number == 0)
+        finding = self._check_reading(name, number, now, must_be_read=number == 0)
         if finding is None:
             return
         self.causes[name, finding.cause] += 1
@@ -113,42 +113,42 @@ class Hunt:
             )
             self.report(finding, kept)
 
-    def _judged(self, name: str, number: int, now: Path, *, must_be_read: bool) -> Finding | None:
+    def _check_reading(self, name: str, number: int, now: Path, *, must_be_read: bool) -> Finding | None:
         """Read a folder, and return what was wrong with how that ended."""
 
-        def found(cause: str, details: str) -> Finding:
+        def finding(cause: str, details: str) -> Finding:
             return Finding(name, number, cause, details)
 
         said, warned = io.StringIO(), list[warnings.WarningMessage]()
         began = time.process_time()
         try:
-            with _watched(LONGEST), _heard(said, warned):
+            with _time_limit(LONGEST), _capture_output(said, warned):
                 READERS[name].read(now)
         except InputError as error:
             self.refused[name] += 1
             if must_be_read:
-                return found("the undamaged file is refused", str(error))
-            if wrong := faults(error):
-                return found(f"message {wrong[0]} ({_raised(error)})", "\n".join([str(error), *wrong]))
+                return finding("the undamaged file is refused", str(error))
+            if wrong := message_faults(error):
+                return finding(f"message {wrong[0]} ({_place_of(error)})", "\n".join([str(error), *wrong]))
             left = [str(path.relative_to(now)) for path in (now / "out").rglob("*") if path.is_file()]
             if left:
-                return found("refused, but files are left", f"{error}\n{left}")
+                return finding("refused, but files are left", f"{error}\n{left}")
         except Hang as error:
-            return found(f"hang ({_raised(error)})", traceback.format_exc())
+            return finding(f"hang ({_place_of(error)})", traceback.format_exc())
         except Exception as error:
-            return found(f"{type(error).__name__} ({_raised(error)})", traceback.format_exc())
+            return finding(f"{type(error).__name__} ({_place_of(error)})", traceback.format_exc())
         if time.process_time() - began > LONGEST:
-            return found("hang in a library", f"{time.process_time() - began:.0f} s")
+            return finding("hang in a library", f"{time.process_time() - began:.0f} s")
         if warned:
             first = warned[0]
             place = f"{Path(first.filename).name}:{first.lineno}"
-            return found(f"warning ({place})", f"{first.filename}:{first.lineno} {first.message}")
+            return finding(f"warning ({place})", f"{first.filename}:{first.lineno} {first.message}")
         if said.getvalue():
-            return found("writes on the terminal", said.getvalue())
+            return finding("writes on the terminal", said.getvalue())
         return None
 
 
-def faults(error: InputError) -> list[str]:
+def message_faults(error: InputError) -> list[str]:
     """Return what is wrong with a message."""
     message = str(error).replace(error.file, Path(error.file).name)
     remedy, wrong = error.remedy.strip(), list[str]()
@@ -163,7 +163,7 @@ def faults(error: InputError) -> list[str]:
     return wrong
 
 
-def _raised(error: BaseException) -> str:
+def _place_of(error: BaseException) -> str:
     """Return where in the program something was raised, or the last place of the program on the way to it."""
     frames = traceback.extract_tb(error.__traceback__)
     ours = [frame for frame in frames if "flexdesign" in Path(frame.filename).parts]
@@ -172,7 +172,7 @@ def _raised(error: BaseException) -> str:
 
 
 @contextlib.contextmanager
-def _heard(said: io.StringIO, warned: list[warnings.WarningMessage]) -> Iterator[None]:
+def _capture_output(said: io.StringIO, warned: list[warnings.WarningMessage]) -> Iterator[None]:
     """Gather what is printed, logged and warned of."""
     handler = logging.StreamHandler(said)
     logging.getLogger().addHandler(handler)
@@ -190,7 +190,7 @@ def _heard(said: io.StringIO, warned: list[warnings.WarningMessage]) -> Iterator
 
 
 @contextlib.contextmanager
-def _watched(seconds: float) -> Iterator[None]:
+def _time_limit(seconds: float) -> Iterator[None]:
     """Raise Hang after `seconds`; end the process where that does not help, and say where it is."""
 
     def stop(*_: object) -> None:

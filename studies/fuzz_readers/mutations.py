@@ -55,25 +55,25 @@ _TOKEN = re.compile(rb'"[^"\n]*"|\[[^\[\]\n]*\]|\{[^{}\n]*\}|[-+]?\d[\w.+-]*|tru
 _KEY = re.compile(rb'^[ \t]*([\w.-]+|"[^"\n]*")(?=[ \t]*=)|^\[+([^\]\n]*)\]', re.M)
 
 
-def damaged(data: bytes, kind: str, chance: Random) -> bytes:
+def damage(data: bytes, kind: str, chance: Random) -> bytes:
     """Return a file with one to three damages; `kind` is ``toml``, ``table`` or ``binary``."""
     for _ in range(chance.choice((1, 1, 1, 2, 3))):
         data = chance.choice(WAYS[kind])(data, chance)
     return data
 
 
-def _flipped(data: bytes, chance: Random) -> bytes:
+def _flip(data: bytes, chance: Random) -> bytes:
     found = bytearray(data)
     for _ in range(chance.choice((1, 1, 2, 8)) if found else 0):
         found[chance.randrange(len(found))] ^= 1 << chance.randrange(8)
     return bytes(found)
 
 
-def _truncated(data: bytes, chance: Random) -> bytes:
+def _truncate(data: bytes, chance: Random) -> bytes:
     return data[: chance.randrange(len(data) + 1)]
 
 
-def _inserted(data: bytes, chance: Random) -> bytes:
+def _insert(data: bytes, chance: Random) -> bytes:
     place = chance.randrange(len(data) + 1)
     return data[:place] + chance.choice(BYTES) + data[place:]
 
@@ -108,7 +108,7 @@ def _lines(data: bytes, chance: Random) -> bytes:
     return b"\n".join(lines)
 
 
-def _exchanged(token: re.Pattern[bytes], values: tuple[str, ...], group: int = 0) -> Callable[[bytes, Random], bytes]:
+def _exchanger(token: re.Pattern[bytes], values: tuple[str, ...], group: int = 0) -> Callable[[bytes, Random], bytes]:
     """Return what puts another text in the place of something that a pattern finds."""
 
     def change(data: bytes, chance: Random) -> bytes:
@@ -138,7 +138,7 @@ def _cell(data: bytes, chance: Random) -> bytes:
     return b"\n".join(lines)
 
 
-def _repeated(data: bytes, chance: Random) -> bytes:
+def _repeat(data: bytes, chance: Random) -> bytes:
     """Make one line very long."""
     lines = data.split(b"\n")
     line = chance.randrange(len(lines))
@@ -146,9 +146,9 @@ def _repeated(data: bytes, chance: Random) -> bytes:
     return b"\n".join(lines)
 
 
-_ANYWHERE = (_flipped, _truncated, _inserted)
+_ANYWHERE = (_flip, _truncate, _insert)
 WAYS: dict[str, tuple[Callable[[bytes, Random], bytes], ...]] = {
-    "toml": (*_ANYWHERE, _lines, _lines, *[_exchanged(_TOKEN, VALUES)] * 6, *[_exchanged(_KEY, KEYS, 1)] * 2),
-    "table": (*_ANYWHERE, _lines, _lines, _cell, _cell, _cell, _cell, _repeated),
-    "binary": (*_ANYWHERE, _flipped, _overwritten, _overwritten, _cut),
+    "toml": (*_ANYWHERE, _lines, _lines, *[_exchanger(_TOKEN, VALUES)] * 6, *[_exchanger(_KEY, KEYS, 1)] * 2),
+    "table": (*_ANYWHERE, _lines, _lines, _cell, _cell, _cell, _cell, _repeat),
+    "binary": (*_ANYWHERE, _flip, _overwritten, _overwritten, _cut),
 }

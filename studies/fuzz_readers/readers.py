@@ -121,7 +121,7 @@ def _bridge() -> StaticModel:
     return static_model.of_design(design.read(design.find("bridge_amplifier")))
 
 
-def _imported(name: str) -> Callable[[Path], object]:
+def _import_reader(name: str) -> Callable[[Path], object]:
     """Return what looks into a file, proposes a map, and brings the file in as another one says."""
 
     def read(folder: Path) -> object:
@@ -139,7 +139,7 @@ def _by_map(folder: Path) -> object:
     return importing.bring_in([folder / "data.txt"], folder / "map.toml", folder / "out")
 
 
-def _answers(folder: Path) -> object:
+def _sweep_results(folder: Path) -> object:
     from flexdesign.workflows.sweeps.store import Store
 
     (folder / "cases").mkdir(exist_ok=True)
@@ -147,8 +147,8 @@ def _answers(folder: Path) -> object:
     return Store(folder).refresh()
 
 
-def _shipped(name: str) -> Make:
-    return lambda: seeds.shipped_file(name)
+def _package_file(name: str) -> Make:
+    return lambda: seeds.package_file(name)
 
 
 def _map(u: str, x: str, channels: tuple[int, int] = (1, 1)) -> Make:
@@ -169,20 +169,20 @@ def _of(read: Callable[[Path], object], damaged: str, as_what: str, content: Mak
 
 
 def _binary(name: str, content: Make, u: str, x: str, channels: tuple[int, int] = (1, 1)) -> Reader:
-    return _of(_imported(name), name, "binary", content, map=_map(u, x, channels))
+    return _of(_import_reader(name), name, "binary", content, map=_map(u, x, channels))
 
 
-_STAGE, _MODEL = _shipped("studies/lin2019_stage.toml"), _text(b"format = 1\n" + seeds.AXIS)
+_STAGE, _MODEL = _package_file("studies/lin2019_stage.toml"), _text(b"format = 1\n" + seeds.AXIS)
 _RUN, _LINES = _text(seeds.RUN), _text(seeds.LINES)
 READERS: dict[str, Reader] = {
     "design": _of(_design, "design.toml", "toml", _text(seeds.DESIGN)),
-    "stage-design": _of(_design, "design.toml", "toml", _shipped("geometry/lin2019_xyz_stage.toml")),
+    "stage-design": _of(_design, "design.toml", "toml", _package_file("geometry/lin2019_xyz_stage.toml")),
     "study": _of(_study, "study.toml", "toml", _text(seeds.STUDY), design=_text(seeds.DESIGN)),
-    "stage-study": _of(_stage_study, "study.toml", "toml", _shipped("studies/table1.toml")),
+    "stage-study": _of(_stage_study, "study.toml", "toml", _package_file("studies/table1.toml")),
     "material": _of(_material, "material.toml", "toml", _text(seeds.MATERIAL)),
     "sweep": _of(_sweep, "sweep.toml", "toml", _text(seeds.SWEEP)),
-    "sweep-simulated": _of(_sweep, "sweep.toml", "toml", _shipped("studies/payload_and_damping.toml")),
-    "targets": _of(_targets, "targets.toml", "toml", _shipped("studies/lin2019_targets.toml")),
+    "sweep-simulated": _of(_sweep, "sweep.toml", "toml", _package_file("studies/payload_and_damping.toml")),
+    "targets": _of(_targets, "targets.toml", "toml", _package_file("studies/lin2019_targets.toml")),
     "stage-model": _of(_stage_model, "model.toml", "toml", _STAGE),
     "stage-model-full": _of(_stage_model, "model.toml", "toml", _MODEL),
     "overrides": _of(_overrides, "overrides.txt", "toml", _text(seeds.OVERRIDES), model=_STAGE),
@@ -192,7 +192,7 @@ READERS: dict[str, Reader] = {
         {"experiments.toml": "toml", "command.csv": "table"},
     ),
     "experiments-shipped": _of(
-        _experiments, "experiments.toml", "toml", _shipped("studies/lin2019_experiments.toml"), model=_STAGE
+        _experiments, "experiments.toml", "toml", _package_file("studies/lin2019_experiments.toml"), model=_STAGE
     ),
     "measurements": Reader(
         _recordings,
@@ -208,15 +208,15 @@ READERS: dict[str, Reader] = {
     "frequency-response": _of(_recordings, "response.csv", "table", _LINES),
     "static-table": _of(_static, "table.csv", "table", _text(seeds.STATIC)),
     "map": Reader(_by_map, {"map.toml": _text(seeds.MAP), "data.txt": _text(seeds.TEXT)}, {"map.toml": "toml"}),
-    "import-text": _of(_imported("data.txt"), "data.txt", "table", _text(seeds.TEXT), map=_map("u", "x")),
+    "import-text": _of(_import_reader("data.txt"), "data.txt", "table", _text(seeds.TEXT), map=_map("u", "x")),
     "import-mat": _binary("rig.mat", seeds.matlab, "rig.u", "rig.x"),
-    "import-mat-packed": _binary("rig.mat", seeds.matlab_packed, "rig.u", "rig.x"),
+    "import-mat-packed": _binary("rig.mat", seeds.matlab_compressed, "rig.u", "rig.x"),
     "import-mat-73": _binary("rig.mat", seeds.matlab_73, "rig.u", "rig.x"),
     "import-hdf5": _binary("rig.h5", seeds.hdf5, "bench/u", "bench/x"),
     "import-tdms": _binary("rig.tdms", seeds.tdms, "bench/u", "bench/x"),
     "import-uff": _binary("rig.uff", seeds.universal, "set1", "set2"),
-    "import-uff-text": _of(_imported("rig.uff"), "rig.uff", "table", seeds.universal, map=_map("set1", "set2")),
+    "import-uff-text": _of(_import_reader("rig.uff"), "rig.uff", "table", seeds.universal, map=_map("set1", "set2")),
     "import-npy": _binary("rig.npy", seeds.numpy_array, "rig", "rig", (1, 2)),
     "import-npz": _binary("rig.npz", seeds.numpy_archive, "u", "x"),
-    "answers": _of(_answers, "kept.npz", "binary", seeds.answers),
+    "answers": _of(_sweep_results, "kept.npz", "binary", seeds.sweep_results),
 }

@@ -309,12 +309,12 @@ TEXT = b"made by a scope\n" + table(("t", TIME), ("u", COMMAND), ("x", MOTION), 
 FOLLOWED = table(("t [s]", TIME), ("ux [V]", COMMAND), ("uy [V]", COMMAND))
 
 
-def shipped_file(name: str) -> bytes:
+def package_file(name: str) -> bytes:
     """Return a file of ``studies/`` or ``geometry/``."""
     return (data_files.root() / name).read_bytes()
 
 
-def _made(ending: str, write: Any) -> bytes:
+def _library_file(ending: str, write: Any) -> bytes:
     """Return what a library writes into a file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"made{ending}"
@@ -328,7 +328,7 @@ def parquet() -> bytes:
     def write(path: Path) -> None:
         unit_tables.write(path, {"t [s]": TIME, "u [V]": COMMAND, "x [um]": 1e-6 * MOTION}, "a run")
 
-    return _made(".parquet", write)
+    return _library_file(".parquet", write)
 
 
 def matlab() -> bytes:
@@ -340,7 +340,7 @@ def matlab() -> bytes:
     return stream.getvalue()
 
 
-def matlab_packed() -> bytes:
+def matlab_compressed() -> bytes:
     from scipy.io import savemat
 
     stream = io.BytesIO()
@@ -358,7 +358,7 @@ def matlab_73() -> bytes:
         with path.open("r+b") as raw:
             raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
 
-    return _made(".mat", write)
+    return _library_file(".mat", write)
 
 
 def hdf5() -> bytes:
@@ -374,7 +374,7 @@ def hdf5() -> bytes:
             file.create_dataset("log", data=log)
             file.create_dataset("text", data="warm")
 
-    return _made(".h5", write)
+    return _library_file(".h5", write)
 
 
 def tdms() -> bytes:
@@ -393,7 +393,7 @@ def tdms() -> bytes:
                 ]
             )
 
-    return _made(".tdms", write)
+    return _library_file(".tdms", write)
 
 
 def universal() -> bytes:
@@ -421,7 +421,7 @@ def universal() -> bytes:
         for each in sets:
             file.write_sets(each, mode="add")
 
-    return _made(".uff", write)
+    return _library_file(".uff", write)
 
 
 def numpy_array() -> bytes:
@@ -436,7 +436,7 @@ def numpy_archive() -> bytes:
     return stream.getvalue()
 
 
-def answers() -> bytes:
+def sweep_results() -> bytes:
     """Return the answers of a sweep, as they are kept."""
     from flexdesign.core.model import Quantity
     from flexdesign.workflows.sweeps.results import Results

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from studies.hidden_effect_trial import trial
 from studies.hidden_effect_trial.cases import SEED
-from studies.hidden_effect_trial.scoring import over_floor
+from studies.hidden_effect_trial.scoring import error_ratio
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,10 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     if given.draw:
         for number in numbers:
-            print(trial.drawn(number, out, given.seed)[0], flush=True)
+            print(trial.make_case(number, out, given.seed)[0], flush=True)
         return 0
     if given.report:
-        known = trial.kept(out, given.seed)
+        known = trial.read_outcomes(out, given.seed)
         outcomes = [known[n] for n in numbers if n in known]
     else:
         jobs = settings.jobs if given.jobs is None else given.jobs
@@ -72,15 +72,15 @@ def _say(text: str) -> None:
 
 
 def _one(number: int, out: Path, seed: int, draw: bool) -> int:
-    folder, answer = trial.drawn(number, out, seed)
+    folder, answer = trial.make_case(number, out, seed)
     print(folder)
     if draw:
         return 0
-    outcome = trial.one(number, out, seed=seed)
-    trial.keep(outcome, out)
-    print(trial.described(outcome))
+    outcome = trial.run_case(number, out, seed=seed)
+    trial.append_outcome(outcome, out)
+    print(trial.outcome_text(outcome))
     if outcome.found is not None:
-        times = over_floor(answer, outcome.found)
+        times = error_ratio(answer, outcome.found)
         print(f"error {1e6 * outcome.found.error:.4g} um, {times:.3g} times the floor, {outcome.found.seconds:.1f} s")
         for name, (hit, width) in outcome.found.inside.items():
             print(f"{name}: interval of ±{100 * width:.2g} % {'holds' if hit else 'misses'} the truth")

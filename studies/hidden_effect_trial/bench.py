@@ -73,12 +73,12 @@ def _reading(
     u = np.concatenate((np.full(ahead, command[0]), command))
     x = kernel.run(u, held, period, substeps, p, start, run.velocity, kick)
     at: Array = np.arange(run.n, dtype=np.float64) * PERIOD
-    places: Array = ((at + fault.clock(run) - late) / period + ahead) * substeps
-    y = _sensed(fault.sensor(sampled(x, places)), at, stage, effects, run)
+    places: Array = ((at + fault.timing_error(run) - late) / period + ahead) * substeps
+    y = _sensor_output(fault.sensor(interpolate(x, places)), at, stage, effects, run)
     return fault.recorder(y, stage)
 
 
-def sampled(x: Array, places: Array) -> Array:
+def interpolate(x: Array, places: Array) -> Array:
     """Return a fine series at places between its points, by cubics."""
     places = np.clip(places, 0.0, len(x) - 1.0)
     left = np.minimum(places.astype(np.int64), len(x) - 2)
@@ -89,7 +89,7 @@ def sampled(x: Array, places: Array) -> Array:
     return np.asarray(cubic)
 
 
-def _sensed(x: Array, t: Array, stage: Stage, effects: Mapping[str, Values], run: Recording) -> Array:
+def _sensor_output(x: Array, t: Array, stage: Stage, effects: Mapping[str, Values], run: Recording) -> Array:
     """Return what the sensor makes of a motion at moments t."""
     y = x + run.offset
     if "sensor_drift" in effects:
@@ -110,11 +110,11 @@ def _sensed(x: Array, t: Array, stage: Stage, effects: Mapping[str, Values], run
         flips = rng.random(len(t)) < PERIOD / 0.4
         y = y + effects["telegraph_jump"]["jump"] * (np.cumsum(flips) % 2)
     if "lost_samples" in effects:
-        y = _repeated(y, rng, effects["lost_samples"]["share"])
+        y = _repeat_readings(y, rng, effects["lost_samples"]["share"])
     return np.asarray(y)
 
 
-def _repeated(y: Array, rng: np.random.Generator, share: float) -> Array:
+def _repeat_readings(y: Array, rng: np.random.Generator, share: float) -> Array:
     """Return readings of which a share, drawn in bursts of up to eight, repeats the last good one."""
     lost = np.zeros(len(y), dtype=bool)
     starts = np.sort(rng.permutation(len(y) - 9)[: max(1, int(share * len(y) / 4.5))])

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.hidden_effect_trial import bench, confusion, recordings
-from studies.hidden_effect_trial.detection import KNOWN, Complement, State, columns, contribution, strength_for
+from studies.hidden_effect_trial.detection import PRIOR_SIGMA, Complement, State, columns, contribution, strength_for
 from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, OUTSIDE, Stage, Values
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
 Array = NDArray[np.float64]
 #: Draws the runs on a stage, as `recordings.draw` does.
-Drawn = Callable[[np.random.Generator, Stage, bool | None], tuple[Recording, ...]]
+DrawRuns = Callable[[np.random.Generator, Stage, bool | None], tuple[Recording, ...]]
 #: The seed on which the package's constants were chosen: its rates are those of a training set. Other seeds give rates
 #: on cases that no choice has seen.
 SEED = 20191
@@ -28,7 +28,7 @@ TESTING = 1000
 #: First number of each kind; of single and faint cases hundred belong to an effect, of those outside hundred to a kind.
 FIRST = {"none": 10000, "single": 20000, "pair": 30000, "outside": 40000, "faint": 50000}
 #: Effect-to-noise ratios: where an effect shows, where it cannot, and outside the catalogue.
-SHOWN, HIDDEN, STRANGE = (1.0, 30.0), (0.02, 0.1), (3.0, 30.0)
+VISIBLE_RATIO, FAINT_RATIO, OUTSIDE_RATIO = (1.0, 30.0), (0.02, 0.1), (3.0, 30.0)
 #: Root mean square of the noise, in strokes.
 NOISE = (1e-4, 1e-3)
 #: Resolution of the sensor where it is no matter, in strokes.
@@ -51,7 +51,7 @@ class Case:
     ----------
     number, kind
         Its number, and "none", "single", "pair", "faint" or "outside".
-    stage, believed
+    stage, nominal
         The true base, and what the stage model states.
     lumped
         Whether the stage model states mass and stiffness, rather than the natural frequency.
@@ -83,7 +83,7 @@ class Case:
     number: int
     kind: str
     stage: Stage
-    believed: Stage
+    nominal: Stage
     lumped: bool
     effects: Mapping[str, Values]
     runs: tuple[Recording, ...]
@@ -137,8 +137,8 @@ def numbers(kind: str, count: int) -> list[int]:
     return [first + 100 * i + k for i in about for k in range(count)]
 
 
-def make(number: int, seed: int = SEED, drawn: Drawn = recordings.draw) -> Case:
-    """Return a case, on the trial's recordings or on others; without a run for testing, see `tested`.
+def make(number: int, seed: int = SEED, drawn: DrawRuns = recordings.draw) -> Case:
+    """Return a case, on the trial's recordings or on others; without a run for testing, see `add_test_run`.
 
     Raises
     ------
@@ -154,11 +154,11 @@ def make(number: int, seed: int = SEED, drawn: Drawn = recordings.draw) -> Case:
     raise RuntimeError(f"case {number} of seed {seed} could not be drawn")
 
 
-def tested(case: Case) -> Case:
+def add_test_run(case: Case) -> Case:
     """Return a case with one more run, for testing: what else was drawn stays as it is."""
     rng = np.random.default_rng([case.seed, case.number, TESTING])
     run = recordings.draw_test(rng, case.stage, case.runs[0].held)
-    one = record(rng, case.stage, case.believed, case.effects, (run,), case.noise, case.poles)
+    one = record(rng, case.stage, case.nominal, case.effects, (run,), case.noise, case.poles)
     return replace(
         case,
         runs=(*case.runs, run),
@@ -168,30 +168,30 @@ def tested(case: Case) -> Case:
     )
 
 
-def _attempt(rng: np.random.Generator, number: int, kind: str, drawn: Drawn) -> Case | None:
+def _attempt(rng: np.random.Generator, number: int, kind: str, drawn: DrawRuns) -> Case | None:
     stage = draw_stage(rng)
     lumped = bool(rng.random() < 0.5)
     poles, noise = draw_poles(rng), stage.stroke * float(np.exp(rng.uniform(*map(math.log, NOISE))))
     names = _names(rng, number, kind)
     held = False if "rate_dependent_hysteresis" in names else None
     runs = drawn(rng, stage, held)
-    believed = draw_believed(rng, stage, names)
+    nominal = draw_nominal(rng, stage, names)
     effects: dict[str, Values] = {}
     if names:
-        found = draw_effects(rng, kind, names, stage, believed, runs, noise)
+        found = draw_effects(rng, kind, names, stage, nominal, runs, noise)
         if found is None:
             return None
         effects = found
     bare = replace(stage, a=0.0) if "bouc_wen" in effects else stage
-    case = record(rng, bare, believed, effects, runs, noise, poles)
+    case = record(rng, bare, nominal, effects, runs, noise, poles)
     case = replace(case, number=number, kind=kind, lumped=lumped)
-    return _judged(case) if effects else case
+    return _with_ratios(case) if effects else case
 
 
 def record(
     rng: np.random.Generator,
     stage: Stage,
-    believed: Stage,
+    nominal: Stage,
     effects: Mapping[str, Values],
     runs: tuple[Recording, ...],
     noise: float,
@@ -204,7 +204,7 @@ def record(
     recorded = [step * np.round(y / step) for y in recorded]
     held_out = [y - x for run, y, x in zip(runs, recorded, clean, strict=True) if run.role != "identify"]
     floor = float(np.sqrt(np.mean(np.concatenate(held_out) ** 2)))
-    return Case(0, "single", stage, believed, True, effects, runs, tuple(recorded), noise, poles, floor)
+    return Case(0, "single", stage, nominal, True, effects, runs, tuple(recorded), noise, poles, floor)
 
 
 # --- what is drawn --------------------------------------------------------------------------------------------------
@@ -226,18 +226,18 @@ def draw_stage(rng: np.random.Generator) -> Stage:
     )
 
 
-def _cut(rng: np.random.Generator, sigma: float) -> float:
+def _truncated_normal(rng: np.random.Generator, sigma: float) -> float:
     """Return a Gaussian number, cut at two standard deviations."""
     while abs(value := float(rng.normal())) > 2.0:
         pass
     return sigma * value
 
 
-def draw_believed(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) -> Stage:
+def draw_nominal(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) -> Stage:
     """Return what the stage model states: off by what it says of its uncertainty, or by up to a fifth."""
     off = {name: 1.0 + rng.uniform(-0.2, 0.2) for name in ("zeta", "gain", "a", "b", "c")}
-    off["gain"] = 1.0 + _cut(rng, KNOWN["gain"])
-    off["omega"] = math.sqrt((1.0 + _cut(rng, 0.03)) / (1.0 + _cut(rng, 0.02)))
+    off["gain"] = 1.0 + _truncated_normal(rng, PRIOR_SIGMA["gain"])
+    off["omega"] = math.sqrt((1.0 + _truncated_normal(rng, 0.03)) / (1.0 + _truncated_normal(rng, 0.02)))
     values = {name: getattr(stage, name) * factor for name, factor in off.items()}
     if "bouc_wen" in names:
         values["a"] = 0.0
@@ -264,12 +264,12 @@ def _names(rng: np.random.Generator, number: int, kind: str) -> tuple[str, ...]:
     known = [effect.name for effect in CATALOGUE if effect.name != "bouc_wen"]
     while True:
         pair = tuple(sorted(str(name) for name in rng.choice(known, 2, replace=False)))
-        if not any(set(pair) <= set(alike) for alike in ALIKE):
+        if not any(set(pair) <= set(alike) for alike in CONFOUNDED):
             return pair
 
 
 #: Effects that are so alike that two of them are no pair: on such runs either takes the place of both.
-ALIKE = (
+CONFOUNDED = (
     ("driver_bandwidth", "sensor_bandwidth", "transport_delay"),
     ("payload_mass", "stiffness_loss"),
     ("electrostriction", "stroke_dependent_amplification", "quadratic_stiffness"),
@@ -284,7 +284,7 @@ def draw_effects(
     kind: str,
     names: tuple[str, ...],
     stage: Stage,
-    believed: Stage,
+    nominal: Stage,
     runs: tuple[Recording, ...],
     noise: float,
     least: float = 0.0,
@@ -297,22 +297,22 @@ def draw_effects(
         Draws them.
     kind, names
         Of the case, and of the effects.
-    stage, believed, runs, noise
+    stage, nominal, runs, noise
         As in `Case`.
     least
         What an effect adds to the readings beyond what a fit of the base can imitate is at least this, rms [m].
     """
-    low, high = {"faint": HIDDEN, "outside": STRANGE}.get(kind, SHOWN)
+    low, high = {"faint": FAINT_RATIO, "outside": OUTSIDE_RATIO}.get(kind, VISIBLE_RATIO)
     ratios = {name: float(np.exp(rng.uniform(math.log(low), math.log(high)))) for name in names}
     wanted = {name: max(ratio * noise, least) for name, ratio in ratios.items()}
     found: dict[str, Values] = {}
     for name in sorted(names, key=lambda name: name not in RESONANCE):  # what changes the resonance comes first
         hidden = BY_NAME[name]
         constants = hidden.constants(rng, stage)
-        if own := _own_way(rng, name, constants, stage, believed, wanted[name], kind):
+        if own := _direct_values(rng, name, constants, stage, nominal, wanted[name], kind):
             found[name] = own
             continue
-        complement = Complement(columns(State(stage, found, runs), believed, loops="bouc_wen" not in names))
+        complement = Complement(columns(State(stage, found, runs), nominal, loops="bouc_wen" not in names))
         strength = strength_for(wanted[name], name, constants, stage, found, runs, complement)
         if strength is None:
             return None
@@ -320,13 +320,13 @@ def draw_effects(
     return found
 
 
-def _own_way(
-    rng: np.random.Generator, name: str, constants: Values, stage: Stage, believed: Stage, wanted: float, kind: str
+def _direct_values(
+    rng: np.random.Generator, name: str, constants: Values, stage: Stage, nominal: Stage, wanted: float, kind: str
 ) -> Values | None:
     """Return the values of an effect whose strength is not found by searching."""
     if name in RESONANCE:
         # Mass and stiffness beyond what is known of them; the effect lowers the frequency, whichever way it was off.
-        ratio = believed.omega / stage.omega * (1.0 - rng.uniform(*FINDING) * KNOWN["omega"])
+        ratio = nominal.omega / stage.omega * (1.0 - rng.uniform(*FINDING) * PRIOR_SIGMA["omega"])
         return {"ratio": ratio**-2 - 1.0 if name == "payload_mass" else 1.0 - ratio**2}
     if name == "transport_delay" and kind != "faint":
         return {"delay": float(np.exp(rng.uniform(*np.log(DELAYS))))}
@@ -338,7 +338,7 @@ def _own_way(
 # --- what is judged -------------------------------------------------------------------------------------------------
 
 
-def shown(state: State, name: str, believed: Stage) -> float:
+def effect_residual(state: State, name: str, nominal: Stage) -> float:
     """Return what an effect adds that no fit of the base can imitate, rms [m]; NaN if it tears the stage apart."""
     if name == "quantisation":
         return state.effects[name]["step"] / math.sqrt(12.0)
@@ -347,25 +347,25 @@ def shown(state: State, name: str, believed: Stage) -> float:
         return math.nan
     others = {other: values for other, values in state.effects.items() if other != name}
     base = State(state.stage, others, state.runs)
-    return Complement(columns(base, believed, loops="bouc_wen" not in state.effects)).left(part)[0]
+    return Complement(columns(base, nominal, loops="bouc_wen" not in state.effects)).residual(part)[0]
 
 
-def _judged(case: Case) -> Case | None:
+def _with_ratios(case: Case) -> Case | None:
     """Return the case with effect-to-noise ratios and groups; None if what is hidden does not show as it should."""
     state = State(case.stage, case.effects, case.runs)
-    ratio = {name: shown(state, name, case.believed) / case.noise for name in case.effects}
+    ratio = {name: effect_residual(state, name, case.nominal) / case.noise for name in case.effects}
     if not all(math.isfinite(each) for each in ratio.values()):
         return None
-    if case.kind in ("single", "pair") and min(ratio.values()) < SHOWN[0]:
+    if case.kind in ("single", "pair") and min(ratio.values()) < VISIBLE_RATIO[0]:
         return None
     if case.kind == "faint":
         return replace(case, ratio=ratio)
     if case.kind == "outside":
-        _, nearest = confusion.stand_ins(state, next(iter(case.effects)), case.believed, case.noise, polish=False)
+        _, nearest = confusion.substitutes(state, next(iter(case.effects)), case.nominal, case.noise, polish=False)
         # Something that an effect of the catalogue explains is not outside it.
         return replace(case, ratio=ratio) if nearest > max(case.noise, 0.3 * min(ratio.values()) * case.noise) else None
     groups = {
-        name: confusion.stand_ins(state, name, case.believed, case.noise)[0] if name != "quantisation" else ()
+        name: confusion.substitutes(state, name, case.nominal, case.noise)[0] if name != "quantisation" else ()
         for name in case.effects
     }
     return replace(case, ratio=ratio, groups=groups)

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.hidden_effect_trial.detection import Columns, Complement, State, columns
-from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, LIMITS, Stage, Values
+from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, INVERSE_STRENGTH, Stage, Values
 
 Array = NDArray[np.float64]
 #: Largest residual, over the noise, where one effect replaces another.
 ALIKE = 0.3
 #: Amounts at which an effect is tried: a limit, or what acts beyond a threshold, is not proportional to it.
 AMOUNTS, THRESHOLDS = (0.03,), (0.01, 0.05, 0.2, 0.5)
-_NOT_PROPORTIONAL = (*LIMITS, "driver_saturation")
+_NOT_PROPORTIONAL = (*INVERSE_STRENGTH, "driver_saturation")
 #: A stage that moves by this number of strokes is destroyed by the trial.
 TORN = 10.0
 #: Steps of the fit, and the share of the hidden effect that may be left before a fit is worth while.
@@ -33,8 +33,8 @@ _RESONANCE = ("payload_mass", "stiffness_loss", "preload_loss")
 _NEVER = ("quantisation", "bouc_wen")
 
 
-def stand_ins(
-    state: State, name: str, believed: Stage, noise: float, polish: bool = True
+def substitutes(
+    state: State, name: str, nominal: Stage, noise: float, polish: bool = True
 ) -> tuple[tuple[str, ...], float]:
     """Return which effects can replace one, and the smallest residual.
 
@@ -44,7 +44,7 @@ def stand_ins(
         The true stage with all that is hidden, and its runs.
     name
         The hidden effect in question.
-    believed
+    nominal
         The base as the stage model states it.
     noise
         Root mean square of the noise [m].
@@ -58,13 +58,13 @@ def stand_ins(
     others = {other: values for other, values in state.effects.items() if other != name}
     base = State(state.stage, others, state.runs)
     loops = "bouc_wen" not in state.effects
-    complement = Complement(columns(base, believed, loops))
-    plain, target = base.seen(), state.seen()
+    complement = Complement(columns(base, nominal, loops))
+    plain, target = base.readings(), state.readings()
     signal = target - plain
-    whole, nearest, found = complement.left(signal)[0], math.inf, []
+    whole, nearest, found = complement.residual(signal)[0], math.inf, []
     if name in _RESONANCE[:2]:
         starts = [_same_resonance(state, name, other) for other in _RESONANCE if other not in state.effects]
-        left_by = [_fitted(start, target, believed, loops, ALIKE * noise) for start in starts]
+        left_by = [_fit_residual(start, target, nominal, loops, ALIKE * noise) for start in starts]
         names = [other for other in _RESONANCE if other not in state.effects]
         return tuple(n for n, left in zip(names, left_by, strict=True) if left <= ALIKE * noise), min(left_by)
     for candidate in CATALOGUE:
@@ -72,7 +72,7 @@ def stand_ins(
             continue
         amounts = THRESHOLDS if candidate.name in _NOT_PROPORTIONAL else AMOUNTS
         tried = [
-            _tried(base, plain, signal, complement, candidate.name, amount, constants)
+            _fit_substitute(base, plain, signal, complement, candidate.name, amount, constants)
             for constants in candidate.samples(state.stage)
             for amount in amounts
         ]
@@ -80,13 +80,13 @@ def stand_ins(
         nearest = min(nearest, left)
         near = left < max(NEAR * whole, 2.0 * ALIKE * noise) and left < 0.8 * whole
         if polish and near and left > ALIKE * noise and start is not None:
-            left = _fitted(start, target, believed, loops, ALIKE * noise)
+            left = _fit_residual(start, target, nominal, loops, ALIKE * noise)
         if left <= ALIKE * noise:
             found.append(candidate.name)
     return tuple(found), nearest
 
 
-def nearest(base: State, signal: Array, believed: Stage) -> tuple[str, float]:
+def nearest(base: State, signal: Array, nominal: Stage) -> tuple[str, float]:
     """Return which further effect explains most of a signal, and which share of its rms it leaves.
 
     Parameters
@@ -95,23 +95,23 @@ def nearest(base: State, signal: Array, believed: Stage) -> tuple[str, float]:
         The stage with what is hidden in it, and its runs.
     signal
         Samples of all runs [m].
-    believed
+    nominal
         The base as the stage model states it.
     """
-    complement = Complement(columns(base, believed, loops="bouc_wen" not in base.effects))
-    plain, whole = base.seen(), complement.left(signal)[0]
+    complement = Complement(columns(base, nominal, loops="bouc_wen" not in base.effects))
+    plain, whole = base.readings(), complement.residual(signal)[0]
     best, least = "", whole
     for candidate in CATALOGUE:
         if candidate.name in (*base.effects, *_NEVER, *_RESONANCE[:2]):
             continue
         for constants in candidate.samples(base.stage):
             for amount in THRESHOLDS if candidate.name in _NOT_PROPORTIONAL else AMOUNTS:
-                left, _ = _tried(base, plain, signal, complement, candidate.name, amount, constants)
+                left, _ = _fit_substitute(base, plain, signal, complement, candidate.name, amount, constants)
                 best, least = (candidate.name, left) if left < least else (best, least)
     return best, least / whole
 
 
-def _tried(
+def _fit_substitute(
     base: State, plain: Array, signal: Array, complement: Complement, name: str, amount: float, constants: Values
 ) -> tuple[float, State | None]:
     """Return what an effect leaves of a signal if it is taken as strong as fits best, and the model that does it."""
@@ -122,13 +122,13 @@ def _tried(
             base.runs
             if not phase
             else State(base.stage, base.effects, base.runs)
-            .moved([f"phase:{i}" for i in range(len(base.runs))], [phase] * len(base.runs))
+            .with_changes([f"phase:{i}" for i in range(len(base.runs))], [phase] * len(base.runs))
             .runs
         )
         values = hidden.at(amount, constants, base.stage)
         shapes.append(
-            State(base.stage, {**base.effects, name: values}, runs).seen()
-            - (plain if not phase else State(base.stage, base.effects, runs).seen())
+            State(base.stage, {**base.effects, name: values}, runs).readings()
+            - (plain if not phase else State(base.stage, base.effects, runs).readings())
         )
     if not all(0.0 < np.abs(shape).max() < TORN * base.stage.stroke for shape in shapes):  # nor NaN
         return math.inf, None
@@ -139,8 +139,8 @@ def _tried(
         for i, shape in enumerate(shapes):
             for j in range(len(base.runs)):
                 more[ends[j] : ends[j + 1], 2 * j + i] = shape[ends[j] : ends[j + 1]]
-        return complement.left(signal, more)[0], None
-    left, steps, weights = complement.left(signal, more)
+        return complement.residual(signal, more)[0], None
+    left, steps, weights = complement.residual(signal, more)
     if name in _NOT_PROPORTIONAL and not 0.2 < weights[0] < 5.0:
         weights = np.ones(1)
     started = hidden.at(float(np.clip(amount * weights[0], 1e-4, 1.0)), constants, base.stage)
@@ -156,7 +156,7 @@ def _tried(
         ):
             return math.inf, None
         started[hidden.strength] *= amount * weights[0] / max(amount * weights[0], 1e-4)
-    moved = base.moved(complement.columns.names, list(_damped(complement.columns, steps)))
+    moved = base.with_changes(complement.columns.names, list(_limit_steps(complement.columns, steps)))
     return left, State(moved.stage, {**moved.effects, name: started}, moved.runs)
 
 
@@ -180,23 +180,23 @@ def _same_resonance(state: State, name: str, other: str) -> State:
     return State(made, {**others, other: values}, state.runs)
 
 
-def _damped(of: Columns, steps: Array) -> Array:
+def _limit_steps(of: Columns, steps: Array) -> Array:
     """Return steps in SI, none longer than half a unit for what must stay positive."""
     return np.clip(steps, -0.5, 0.5) * of.unit
 
 
-def _fitted(start: State, target: Array, believed: Stage, loops: bool, enough: float) -> float:
+def _fit_residual(start: State, target: Array, nominal: Stage, loops: bool, enough: float) -> float:
     """Return what a model leaves once it is fitted [m]."""
     state, left = start, math.inf
     for _ in range(STEPS):
-        rest = target - state.seen()
+        rest = target - state.readings()
         if not np.isfinite(rest).all():
             return left
         reached = float(np.sqrt(np.mean(rest**2)))
         if reached <= enough or reached > 0.97 * left:
             return min(reached, left)
         left = reached
-        of = columns(state, believed, loops)
-        _, steps, _ = Complement(of).left(rest)
-        state = state.moved(of.names, list(_damped(of, steps)))
+        of = columns(state, nominal, loops)
+        _, steps, _ = Complement(of).residual(rest)
+        state = state.with_changes(of.names, list(_limit_steps(of, steps)))
     return left

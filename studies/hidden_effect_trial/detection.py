@@ -23,12 +23,12 @@ from studies.hidden_effect_trial.recordings import PERIOD, TRIGGER, Recording
 Array = NDArray[np.float64]
 Effects = Mapping[str, Values]
 #: What is known of a base parameter, relative, one standard deviation; a fit may go three of them away.
-KNOWN = {"gain": 0.10, "omega": 0.018, "zeta": 1.0}
+PRIOR_SIGMA = {"gain": 0.10, "omega": 0.018, "zeta": 1.0}
 REACH = 3.0
 #: Trigger delays are fitted with this much more room than they need: whoever fits does not know the limit to a hair.
-WIDER = 2.0
+DELAY_MARGIN = 2.0
 #: Relative change of a parameter for a difference quotient.
-NUDGE = 1e-4
+DIFFERENCE_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +62,11 @@ class State:
     effects: Effects
     runs: tuple[Recording, ...]
 
-    def seen(self) -> Array:
+    def readings(self) -> Array:
         """Return the readings of all runs, one after the other [m]."""
         return np.concatenate(bench.readings(self.stage, self.effects, self.runs, bench.COARSE))
 
-    def moved(self, names: Sequence[str], steps: Sequence[float]) -> State:
+    def with_changes(self, names: Sequence[str], steps: Sequence[float]) -> State:
         """Return the model with some parameters changed by so much, in SI; effects' by so much of their logarithm."""
         stage, runs = dict(vars(self.stage)), list(self.runs)
         effects = {name: dict(values) for name, values in self.effects.items()}
@@ -81,37 +81,37 @@ class State:
         return State(Stage(**stage), effects, tuple(runs))
 
 
-def columns(state: State, believed: Stage, loops: bool = True) -> Columns:
+def columns(state: State, nominal: Stage, loops: bool = True) -> Columns:
     """Return the sensitivities of a model's readings.
 
     Parameters
     ----------
     state
         The model.
-    believed
+    nominal
         The base as the stage model states it: what bounds refer to.
     loops
         Whether the model has Bouc-Wen hysteresis.
     """
-    here, stage = state.seen(), state.stage
+    here, stage = state.readings(), state.stage
     names: list[str] = []
     found: list[Array] = []
     units: list[float] = []
     bounds: list[tuple[float, float]] = []
     base = ("gain", "omega", "zeta", "a", "b", "c") if loops else ("gain", "omega", "zeta")
     for name in base:
-        value, unit = getattr(stage, name), abs(getattr(believed, name))
+        value, unit = getattr(stage, name), abs(getattr(nominal, name))
         names.append(name)
-        found.append((state.moved([name], [NUDGE * unit]).seen() - here) / NUDGE)
+        found.append((state.with_changes([name], [DIFFERENCE_STEP * unit]).readings() - here) / DIFFERENCE_STEP)
         units.append(unit)
-        reach = REACH * KNOWN.get(name, math.inf)
+        reach = REACH * PRIOR_SIGMA.get(name, math.inf)
         at = value / unit
-        bounds.append((max(1.0 - reach, 0.02) - at if name in KNOWN else -math.inf, 1.0 + reach - at))
+        bounds.append((max(1.0 - reach, 0.02) - at if name in PRIOR_SIGMA else -math.inf, 1.0 + reach - at))
     for effect, values in state.effects.items():
         for key in values:
             if values[key] and math.isfinite(values[key]) and (effect, key) not in _FIXED:
                 names.append(f"{effect}:{key}")
-                found.append((state.moved(names[-1:], [NUDGE]).seen() - here) / NUDGE)
+                found.append((state.with_changes(names[-1:], [DIFFERENCE_STEP]).readings() - here) / DIFFERENCE_STEP)
                 units.append(1.0)
                 bounds.append((-math.inf, math.inf))
     own = {"velocity": 0.003 * stage.stroke * stage.omega, "late": PERIOD, "offset": stage.stroke}
@@ -122,15 +122,15 @@ def columns(state: State, believed: Stage, loops: bool = True) -> Columns:
     for key, unit in own.items():
         count = len(state.runs)
         # One simulation moves all runs at once: they do not know of each other.
-        all_moved = state.moved([f"{key}:{i}" for i in range(count)], [NUDGE * unit] * count)
-        change = (all_moved.seen() - here) / NUDGE
+        all_moved = state.with_changes([f"{key}:{i}" for i in range(count)], [DIFFERENCE_STEP * unit] * count)
+        change = (all_moved.readings() - here) / DIFFERENCE_STEP
         for i, run in enumerate(state.runs):
             column = np.zeros_like(change)
             column[ends[i] : ends[i + 1]] = change[ends[i] : ends[i + 1]]
             names.append(f"{key}:{i}")
             found.append(column)
             units.append(unit)
-            spare = WIDER * TRIGGER
+            spare = DELAY_MARGIN * TRIGGER
             late = run.late / PERIOD
             bounds.append((-spare - late, spare - late) if key == "late" else (-math.inf, math.inf))
     low, high = np.array(bounds).T
@@ -159,12 +159,12 @@ class Complement:
         self.matrix = of.matrix[:, self.free] / self.norms
         self.basis = _basis(self.matrix)
         self.coefficients = np.linalg.pinv(self.basis.T @ self.matrix, rcond=1e-7)
-        self.rest = self._off(of.matrix[:, self.bound])
+        self.rest = self._project_out(of.matrix[:, self.bound])
 
-    def _off(self, signal: Array) -> Array:
+    def _project_out(self, signal: Array) -> Array:
         return np.asarray(signal - self.basis @ (self.basis.T @ signal))
 
-    def left(self, signal: Array, more: Array | None = None) -> tuple[float, Array, Array]:
+    def residual(self, signal: Array, more: Array | None = None) -> tuple[float, Array, Array]:
         """Return the residual of a signal.
 
         Parameters
@@ -178,8 +178,8 @@ class Complement:
         -------
         Its root mean square [m], the steps of all parameters in their units, and the weights of the further columns.
         """
-        rest, bound = self._off(signal), self.rest
-        inner = np.zeros((len(signal), 0)) if more is None else self._off(more)
+        rest, bound = self._project_out(signal), self.rest
+        inner = np.zeros((len(signal), 0)) if more is None else self._project_out(more)
         extra = _basis(inner / np.maximum(np.linalg.norm(inner, axis=0), 1e-300))
         clear, reduced = rest - extra @ (extra.T @ rest), bound - extra @ (extra.T @ bound)
         steps: Array = np.zeros(self.count)
@@ -209,7 +209,7 @@ def _basis(matrix: Array) -> Array:
 def contribution(stage: Stage, effects: Effects, name: str, runs: tuple[Recording, ...]) -> Array:
     """Return what one of the effects adds to the readings of all runs [m]."""
     without = {other: values for other, values in effects.items() if other != name}
-    return State(stage, effects, runs).seen() - State(stage, without, runs).seen()
+    return State(stage, effects, runs).readings() - State(stage, without, runs).readings()
 
 
 def strength_for(
@@ -234,17 +234,17 @@ def strength_for(
     complement
         What its model cannot reach.
     """
-    hidden, plain = BY_NAME[name], State(stage, others, runs).seen()
+    hidden, plain = BY_NAME[name], State(stage, others, runs).readings()
 
-    def left(amount: float) -> float:
+    def residual_at(amount: float) -> float:
         values = hidden.at(amount, constants, stage)
-        return complement.left(State(stage, {**others, name: values}, runs).seen() - plain)[0]
+        return complement.residual(State(stage, {**others, name: values}, runs).readings() - plain)[0]
 
     # Regula falsi on logarithms: the residual grows about as a power of the strength.
     tried: list[tuple[float, float]] = []
     amount = 0.1
     for _ in range(12):
-        reached = left(amount)
+        reached = residual_at(amount)
         if not math.isfinite(reached):
             amount *= 0.2
             continue

@@ -83,7 +83,7 @@ class Hidden:
         most = self.largest(stage)
         if self.name == "driver_saturation":
             value = stage.volts - amount * (stage.volts - most)
-        elif self.name in LIMITS:
+        elif self.name in INVERSE_STRENGTH:
             value = most / amount if amount > 0 else math.inf
         else:
             value = amount * most
@@ -91,7 +91,7 @@ class Hidden:
 
 
 #: Effects that are strong where their strength is low.
-LIMITS = ("driver_bandwidth", "driver_slew", "sensor_bandwidth")
+INVERSE_STRENGTH = ("driver_bandwidth", "driver_slew", "sensor_bandwidth")
 
 
 def _as_is(value: float) -> float:
@@ -286,7 +286,7 @@ SMOOTH_FRICTION = Hidden(
     {"level": (P.SMOOTH_LEVEL, _as_is), "speed": (P.SMOOTH_SPEED, _as_is)},
 )
 #: What the catalogue calls an effect that has another name here.
-CALLED = {SMOOTH_FRICTION.name: "coulomb_friction"}
+CATALOGUE_NAMES = {SMOOTH_FRICTION.name: "coulomb_friction"}
 
 BY_NAME: dict[str, Hidden] = {effect.name: effect for effect in (*CATALOGUE, *OUTSIDE, SMOOTH_FRICTION)}
 

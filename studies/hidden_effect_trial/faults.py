@@ -96,7 +96,7 @@ class Fault:
             return ()
         return stage.stroke, *(0.5 * stage.stroke * self.size * weight for weight in self.weights)
 
-    def clock(self, run: Recording) -> Array:
+    def timing_error(self, run: Recording) -> Array:
         """Return by how much each reading of a run is late [s]."""
         if self.kind != "clock_jitter":
             return np.zeros(run.n)
@@ -120,11 +120,11 @@ class Fault:
         if math.isfinite(self.cutoff):
             y = gaussian_filter1d(y, 1.0 / (2.0 * math.pi * self.cutoff * PERIOD), mode="nearest")
         step = self.size * stage.stroke
-        return _kept(y, step, (0.5 + self.dead) * step) if step else y
+        return _round_with_band(y, step, (0.5 + self.dead) * step) if step else y
 
 
 @njit(cache=True, error_model="numpy")
-def _kept(y: Array, step: float, band: float) -> Array:
+def _round_with_band(y: Array, step: float, band: float) -> Array:
     """Return readings in whole steps, each kept until the signal is further than a band from it."""
     out, last = np.empty_like(y), step * np.round(y[0] / step)
     for i in range(len(y)):
@@ -134,7 +134,7 @@ def _kept(y: Array, step: float, band: float) -> Array:
     return out
 
 
-def drawn(
+def draw_fault(
     rng: np.random.Generator, kind: str, positions: Array, target: float, error: Callable[[Fault], float]
 ) -> Fault | None:
     """Return a structural error of a stated size; None if there is none of such a shape.
@@ -165,15 +165,15 @@ def drawn(
         fault = replace(fault, memory=float(np.exp(rng.uniform(math.log(1e-3), math.log(0.3)))))
     elif kind == "rounded_readings":
         share, dead = rng.uniform(0.2, 0.6), float(rng.uniform(0.1, 0.5))
-        cutoff = _solved(lambda c: error(replace(fault, cutoff=1.0 / c)), share * target, (1e-2, 1e-3, 0.2))
+        cutoff = _solve_size(lambda c: error(replace(fault, cutoff=1.0 / c)), share * target, (1e-2, 1e-3, 0.2))
         if cutoff is None:
             return None
         fault = replace(fault, cutoff=1.0 / cutoff, dead=dead)
-    size = _solved(lambda size: error(replace(fault, size=size)), target, SIZES[kind])
+    size = _solve_size(lambda size: error(replace(fault, size=size)), target, SIZES[kind])
     return None if size is None else replace(fault, size=size)
 
 
-def _solved(error: Callable[[float], float], target: float, sizes: tuple[float, float, float]) -> float | None:
+def _solve_size(error: Callable[[float], float], target: float, sizes: tuple[float, float, float]) -> float | None:
     """Return the size at which an error is as large as wanted, by regula falsi on logarithms."""
     size, low, high = sizes
     below: tuple[float, float] | None = None

@@ -81,7 +81,7 @@ def _title(case: Case) -> str:
 
 def model_text(case: Case) -> str:
     """Return the stage model's file."""
-    stated = case.believed
+    stated = case.nominal
     omega_known = (
         [f'mass = "{1e3 * STIFFNESS / stated.omega**2:.7g} g"', f'stiffness = "{STIFFNESS / 1e3:.7g} N/mm"']
         if case.lumped

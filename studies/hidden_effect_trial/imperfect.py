@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.hidden_effect_trial import bench, cases, confusion, faults, recordings
-from studies.hidden_effect_trial.cases import FINEST, SEED, SHOWN, TESTING, Case
+from studies.hidden_effect_trial.cases import FINEST, SEED, TESTING, VISIBLE_RATIO, Case
 from studies.hidden_effect_trial.detection import State
 from studies.hidden_effect_trial.effects import CATALOGUE, SMOOTH_FRICTION, Stage, Values
 from studies.hidden_effect_trial.faults import KINDS, Fault
@@ -100,10 +100,10 @@ def _attempt(number: int, seed: int, attempt: int) -> Case | None:
     # Coarse steps show at jumps, which a command has that waits between samples; straight ones they would only smooth.
     held = True if fault_in(number) == "coarse_steps" else None
     nine = recordings.draw(rng, stage, False if "rate_dependent_hysteresis" in names else held)
-    believed = cases.draw_believed(rng, stage, names)
+    nominal = cases.draw_nominal(rng, stage, names)
     effects: dict[str, Values] = {}
     if names:
-        found = cases.draw_effects(rng, "single", names, stage, believed, nine, noise, 1.1 * MAIN * target)
+        found = cases.draw_effects(rng, "single", names, stage, nominal, nine, noise, 1.1 * MAIN * target)
         if found is None or found.get("quantisation", {}).get("step", 0.0) > 0.02 * stage.stroke:
             return None
         effects = found
@@ -117,26 +117,26 @@ def _attempt(number: int, seed: int, attempt: int) -> Case | None:
     flawed = bench.readings(bare, effects, runs, fault=fault)
     size = rms(flawed, clean)
     state = State(bare, effects, nine)
-    shown = {name: cases.shown(state, name, believed) for name in effects}
+    shown = {name: cases.effect_residual(state, name, nominal) for name in effects}
     if not STRUCTURAL[0] <= size / stage.stroke <= STRUCTURAL[1] or not all(
-        each >= max(MAIN * size, SHOWN[0] * noise) for each in shown.values()
+        each >= max(MAIN * size, VISIBLE_RATIO[0] * noise) for each in shown.values()
     ):
         return None
     strange = np.concatenate([y - x for y, x in zip(flawed[:-1], clean[:-1], strict=True)])
-    if confusion.nearest(state, strange, believed)[1] < STRANGE:
+    if confusion.nearest(state, strange, nominal)[1] < STRANGE:
         return None
-    recorded = _recorded(rng, flawed, noise, poles, effects.get("quantisation", {}).get("step", FINEST * stage.stroke))
+    recorded = _record(rng, flawed, noise, poles, effects.get("quantisation", {}).get("step", FINEST * stage.stroke))
     kept = {
         role: [y - x for run, y, x in zip(runs, recorded, clean, strict=True) if run.role == role] for role in ROLES
     }
     floors = {role: float(np.sqrt(np.mean(np.concatenate(left) ** 2))) for role, left in kept.items()}
     unexplained = math.hypot(noise, size)
     groups = {
-        name: confusion.stand_ins(state, name, believed, unexplained)[0] if name != "quantisation" else ()
+        name: confusion.substitutes(state, name, nominal, unexplained)[0] if name != "quantisation" else ()
         for name in effects
     }
     return Case(
-        number, "single" if names else "none", bare, believed, lumped, effects, runs, recorded, noise, poles,
+        number, "single" if names else "none", bare, nominal, lumped, effects, runs, recorded, noise, poles,
         floors["test"], {name: each / noise for name, each in shown.items()}, groups, floors["validate"], seed,
         fault.kind, size,
     )  # fmt: skip
@@ -163,7 +163,7 @@ def _fault(
     if not all(np.isfinite(y).all() for y in sound):
         return None
     positions = np.concatenate([y - run.offset for run, y in zip(runs, sound, strict=True)])
-    return faults.drawn(
+    return faults.draw_fault(
         rng, kind, positions, size, lambda fault: rms(bench.readings(stage, effects, runs, ROUGH, fault), sound)
     )
 
@@ -174,7 +174,7 @@ def rms(flawed: list[Array], clean: list[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([each - each.mean() for each in left]) ** 2)))
 
 
-def _recorded(
+def _record(
     rng: np.random.Generator, flawed: list[Array], noise: float, poles: tuple[float, ...], step: float
 ) -> tuple[Array, ...]:
     """Return readings with noise, in steps."""

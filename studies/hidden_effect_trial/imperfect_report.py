@@ -10,9 +10,9 @@ from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
 from studies.hidden_effect_trial import scoring
 from studies.hidden_effect_trial.folder import Answer
-from studies.hidden_effect_trial.report import in_words, interval, of_seed, percent
+from studies.hidden_effect_trial.report import interval, percent, seed_note, table_name
 from studies.hidden_effect_trial.scoring import Diagnosed
-from studies.hidden_effect_trial.trial import Outcome, described
+from studies.hidden_effect_trial.trial import Outcome, outcome_text
 
 JudgedCases = Sequence[tuple[Answer, Diagnosed]]
 #: Columns of a rate.
@@ -27,10 +27,10 @@ def write(outcomes: Sequence[Outcome], out: Path, seed: int) -> list[str]:
         Section("Rates", tables=[rates]),
         Section("By structural error", tables=[_by("structural error", judged, lambda answer: answer.fault)]),
         Section("By effect", tables=[_by("hidden", judged, lambda answer: next(iter(answer.effects), "nothing"))]),
-        Section("Inventions", tables=[_told(outcomes, _invents)]),
-        Section("Main effects that were not named", tables=[_told(outcomes, _misses)]),
+        Section("Inventions", tables=[_outcome_table(outcomes, _invents)]),
+        Section("Main effects that were not named", tables=[_outcome_table(outcomes, _misses)]),
     ]
-    document = Document("Imperfect-bench trial", [of_seed(seed), *_summary(outcomes, judged)], sections)
+    document = Document("Imperfect-bench trial", [seed_note(seed), *_summary(outcomes, judged)], sections)
     render.write(out, document, _result(outcomes, rates, seed), {})
     return [f"{row[0]}: {row[1]} ({row[3]})" for row in rates.rows]
 
@@ -54,9 +54,9 @@ def _rates(judged: JudgedCases) -> Table:
     none = [(answer, found) for answer, found in judged if not answer.effects]
     asked = [
         ("main effect named", single, scoring.names_main, "at least 90 %"),
-        ("an effect invented", judged, _invented, "at most 3 %"),
-        ("nothing missing: an effect invented", none, _invented, ""),
-        ("one effect: another invented", single, _invented, ""),
+        ("an effect invented", judged, _has_false_effect, "at most 3 %"),
+        ("nothing missing: an effect invented", none, _has_false_effect, ""),
+        ("one effect: another invented", single, _has_false_effect, ""),
         ("a remainder stated", judged, lambda _, found: found.remainder > 0.0, ""),
     ]
     rows = [[words, *_rate(chosen, counts), bound] for words, chosen, counts, bound in asked if chosen]
@@ -70,8 +70,8 @@ def _rate(judged: JudgedCases, counts: Callable[[Answer, Diagnosed], bool]) -> l
     return [f"{hits} of {len(judged)}", percent(hits / len(judged)), interval(hits, len(judged))]
 
 
-def _invented(answer: Answer, found: Diagnosed) -> bool:
-    return bool(scoring.invented(answer, found))
+def _has_false_effect(answer: Answer, found: Diagnosed) -> bool:
+    return bool(scoring.false_effects(answer, found))
 
 
 def _by(what: str, judged: JudgedCases, key: Callable[[Answer], str]) -> Table:
@@ -79,7 +79,7 @@ def _by(what: str, judged: JudgedCases, key: Callable[[Answer], str]) -> Table:
     for name in _unique(key(answer) for answer, _ in judged):
         chosen = [(answer, found) for answer, found in judged if key(answer) == name]
         single = [(answer, found) for answer, found in chosen if answer.effects]
-        rows.append([in_words(name), *_rate(single, scoring.names_main), *_rate(chosen, _invented)])
+        rows.append([table_name(name), *_rate(single, scoring.names_main), *_rate(chosen, _has_false_effect)])
     named, invented = ([f"{which}: {column}" for column in RATE] for which in ("main effect named", "invented"))
     return Table([what, *named, *invented], rows)
 
@@ -89,16 +89,16 @@ def _unique(names: Iterable[str]) -> list[str]:
 
 
 def _invents(answer: Answer, found: Diagnosed) -> str:
-    return ", ".join(scoring.invented(answer, found))
+    return ", ".join(scoring.false_effects(answer, found))
 
 
 def _misses(answer: Answer, found: Diagnosed) -> str:
     return "" if scoring.names_main(answer, found) else " and ".join(answer.effects)
 
 
-def _told(outcomes: Sequence[Outcome], which: Callable[[Answer, Diagnosed], str]) -> Table:
+def _outcome_table(outcomes: Sequence[Outcome], which: Callable[[Answer, Diagnosed], str]) -> Table:
     rows = [
-        [str(outcome.number), words, described(outcome)]
+        [str(outcome.number), words, outcome_text(outcome)]
         for outcome in outcomes
         if outcome.found is not None and (words := which(outcome.answer, outcome.found))
     ]
@@ -111,8 +111,8 @@ def _result(outcomes: Sequence[Outcome], rates: Table, seed: int) -> dict[str, A
             "number": o.number,
             "error": o.answer.fault,
             "named": o.found is not None and scoring.names_main(o.answer, o.found),
-            "invented": list(scoring.invented(o.answer, o.found)) if o.found is not None else [],
-            "said": described(o),
+            "invented": list(scoring.false_effects(o.answer, o.found)) if o.found is not None else [],
+            "said": outcome_text(o),
             "source": o.source,
         }
         for o in outcomes

@@ -29,7 +29,7 @@ PIECE = 0.1
 
 #: What a step calls is put there before anything is compiled: arrays that are handed on are counted at every turn,
 #: which took three quarters of the time.
-inside = njit(error_model="numpy", inline="always")
+inline = njit(error_model="numpy", inline="always")
 
 
 class P(IntEnum):
@@ -117,7 +117,7 @@ def bouc_wen(h: float, dv: float, a: float, b: float, c: float) -> float:
     return h + a * dv - b * abs(dv) * middle - c * dv * abs(middle)
 
 
-@inside
+@inline
 def _loops(s: Array, v: float, rate: float, p: Array) -> None:
     """Take all loops from the voltage s[0] to v [V]; `rate` is |dv/dt| [V/s]."""
     dv = v - s[_V]
@@ -139,7 +139,7 @@ def _loops(s: Array, v: float, rate: float, p: Array) -> None:
         s[_R] = min(max(s[_R], v - r), v + r)
 
 
-@inside
+@inline
 def _extension(s: Array, p: Array) -> float:
     """Return the drive that the voltage and its loops make, before the actuator's own additions [m]."""
     v = s[_V]
@@ -150,7 +150,7 @@ def _extension(s: Array, p: Array) -> float:
     return d - p[_RATE_W] * (v - s[_R]) if p[_RATE_W] != 0.0 else d
 
 
-@inside
+@inline
 def _drive(s: Array, p: Array) -> float:
     """Return the displacement that drives the modes [m]."""
     d = _extension(s, p)
@@ -165,14 +165,14 @@ def _drive(s: Array, p: Array) -> float:
     return whole
 
 
-@inside
+@inline
 def _lag(y: float, begin: float, end: float, step: float, tau: float) -> float:
     """Return where y, tau y' = u - y, comes to while u goes straight from `begin` to `end`."""
     behind = (end - begin) / step * tau
     return end - behind + (y - begin + behind) * math.exp(-step / tau)
 
 
-@inside
+@inline
 def _amplifier(v: float, begin: float, end: float, step: float, p: Array) -> float:
     """Return the voltage after a step over which the command goes straight from `begin` to `end` [V]."""
     if p[_DRIVER_LAG] > 0.0:
@@ -184,12 +184,12 @@ def _amplifier(v: float, begin: float, end: float, step: float, p: Array) -> flo
     return v
 
 
-@inside
-def _limited(v: float, p: Array) -> float:
+@inline
+def _limit_voltage(v: float, p: Array) -> float:
     return min(max(v, -p[_LEVEL]), p[_LEVEL]) if p[_LEVEL] > 0.0 else v
 
 
-@inside
+@inline
 def _bristle(m: Array, x: float, p: Array) -> float:
     """Return the bristle's deflection at x: Dahl's z' = x' - |x'| z / presliding depends on the path alone [m].
 
@@ -199,7 +199,7 @@ def _bristle(m: Array, x: float, p: Array) -> float:
     return end + (m[_BRISTLE] - end) * math.exp(-abs(x - m[_FROM]) / p[_PRESLIDING])
 
 
-@inside
+@inline
 def _force(x: float, velocity: float, m: Array, p: Array) -> float:
     """Return the sum of forces over the stiffness [m].
 
@@ -221,7 +221,7 @@ def _force(x: float, velocity: float, m: Array, p: Array) -> float:
     return f - p[_DRAG] * velocity * abs(velocity)
 
 
-@inside
+@inline
 def _rates(m: Array, drive: float, p: Array, out: Array) -> None:
     x, velocity = m[0] + m[2], m[1] + m[3]
     total = drive + _force(x, velocity, m, p)
@@ -243,7 +243,7 @@ def _active(p: Array) -> int:
     return 4 if p[_SHARE] != 0.0 else 2
 
 
-@inside
+@inline
 def _step(m: Array, d: Array, step: float, p: Array, k: Array, trial: Array, active: int) -> None:
     """Take the mechanics over a step by the classical fourth-order rule; d at start, middle and end."""
     _rates(m, d[0], p, k[0])
@@ -261,7 +261,7 @@ def _step(m: Array, d: Array, step: float, p: Array, k: Array, trial: Array, act
 
 
 @njit(cache=True, error_model="numpy")
-def _shaken(m: Array, p: Array) -> None:
+def _add_base_motion(m: Array, p: Array) -> None:
     """Add the steady response to a base that has long been moving."""
     w = 2.0 * math.pi * p[_SHAKE_HZ]
     for i in range(2):
@@ -293,7 +293,7 @@ def history(turns: Array, before: float, waited: float, shift: float, p: Array) 
     """
     s = np.zeros(UPSTREAM)
     for turn in turns:
-        _loops(s, _limited(turn, p), 0.0, p)
+        _loops(s, _limit_voltage(turn, p), 0.0, p)
     s[_H] += shift
     now = _extension(s, p)
     for i in range(DECADES if p[_CREEP] != 0.0 else 0):
@@ -340,7 +340,7 @@ def run(
         x += 0.3 * (rest + _force(x, 0.0, m, p) - x)
     m[0], m[2], m[1] = (1.0 - p[_SHARE]) * x, p[_SHARE] * x, velocity
     m[_Y : _Y + RELAXATIONS], m[_FROM] = x, x
-    _shaken(m, p)
+    _add_base_motion(m, p)
     x = m[0] + m[2]
     trial, active = m.copy(), _active(p)
     lagging, seen, out = x, x, np.empty((len(u) - 1) * substeps + 1)
@@ -352,7 +352,7 @@ def run(
             m[1] += kick[sample]
         direct = p[_DRIVER_LAG] == 0.0 and p[_SLEW] == 0.0  # else the rate of the voltage is not that of the command
         if begin != before and direct:
-            _loops(s, _limited(begin, p), 0.0, p)
+            _loops(s, _limit_voltage(begin, p), 0.0, p)
             free = begin
         elif p[_RATE_W] != 0.0 and direct:
             _loops(s, s[_V], abs(end - begin) / period, p)
@@ -363,7 +363,7 @@ def run(
                 left = begin + (end - begin) * (2 * j + half) / (2 * substeps)
                 right = begin + (end - begin) * (2 * j + half + 1) / (2 * substeps)
                 free = _amplifier(free, left, right, 0.5 * step, p)
-                v, was = _limited(free, p), _extension(s, p)
+                v, was = _limit_voltage(free, p), _extension(s, p)
                 rate = abs(v - s[_V]) / (0.5 * step)
                 if p[_DRIVER_LAG] > 0.0 and v == free:
                     rate = abs(right - v) / p[_DRIVER_LAG]  # at the end of the half step, not its mean

@@ -15,11 +15,11 @@ from studies.hidden_effect_trial.cases import SEED
 from studies.hidden_effect_trial.effects import CATALOGUE
 from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.scoring import Diagnosed, is_right, wilson
-from studies.hidden_effect_trial.trial import Outcome, described, source
+from studies.hidden_effect_trial.trial import Outcome, outcome_text, source
 
 JudgedCases = Sequence[tuple[Answer, Diagnosed]]
 #: What is asked of the diagnosis: kind, words, what counts, and the bound of the rate.
-ASKED: tuple[tuple[tuple[str, ...], str, Callable[[Answer, Diagnosed], bool], str], ...] = (
+REQUIRED: tuple[tuple[tuple[str, ...], str, Callable[[Answer, Diagnosed], bool], str], ...] = (
     (("single",), "one effect: right verdict", is_right, "at least 97 %"),
     (("pair",), "two effects: right verdict", is_right, "at least 92 %"),
     (("none",), "nothing missing: an effect named", scoring.is_false_alarm, "at most 0.5 %"),
@@ -29,7 +29,7 @@ ASKED: tuple[tuple[tuple[str, ...], str, Callable[[Answer, Diagnosed], bool], st
     (
         scoring.NAMED,
         "error within 1.15 of the floor",
-        lambda a, d: scoring.over_floor(a, d) <= 1.15,
+        lambda a, d: scoring.error_ratio(a, d) <= 1.15,
         "at least 95 %",
     ),
 )
@@ -52,14 +52,14 @@ def write(outcomes: Sequence[Outcome], out: Path, seed: int = SEED) -> list[str]
     ]
     render.write(
         out,
-        Document("Hidden-effect trial", [of_seed(seed), *_summary(outcomes, judged)], sections),
+        Document("Hidden-effect trial", [seed_note(seed), *_summary(outcomes, judged)], sections),
         _result(outcomes, rates, seed),
         {},
     )
     return [f"{row[0]}: {row[1]} ({row[3]})" for row in rates.rows]
 
 
-def of_seed(seed: int) -> str:
+def seed_note(seed: int) -> str:
     """Return what the rates of a seed are worth."""
     if seed == SEED:
         return (
@@ -91,7 +91,7 @@ def _summary(outcomes: Sequence[Outcome], judged: JudgedCases) -> list[str]:
 
 def _rates(judged: JudgedCases) -> Table:
     rows = []
-    for kinds, words, counts, asked in ASKED:
+    for kinds, words, counts, asked in REQUIRED:
         chosen = [(answer, found) for answer, found in judged if answer.kind in kinds]
         hits = sum(counts(answer, found) for answer, found in chosen)
         if chosen:
@@ -150,13 +150,13 @@ def _matrix(judged: JudgedCases) -> Table:
     texts = []
     for row in rows:
         right = RIGHT.get(row, row)
-        others = [f"{in_words(c)} {counts[row][c]}" for c in columns if c != right and counts[row].get(c)]
+        others = [f"{table_name(c)} {counts[row][c]}" for c in columns if c != right and counts[row].get(c)]
         total = sum(counts[row].values())
-        texts.append([in_words(row), str(total), str(counts[row].get(right, 0)), ", ".join(others) or "–"])
+        texts.append([table_name(row), str(total), str(counts[row].get(right, 0)), ", ".join(others) or "–"])
     return Table(["hidden", "said in all", "right", "said otherwise"], texts)
 
 
-def in_words(name: str) -> str:
+def table_name(name: str) -> str:
     """Return a name as it is written in a table."""
     return name.replace("_", " ")
 
@@ -182,8 +182,8 @@ def _picture(judged: JudgedCases) -> Figure:
     axes.set(xlim=(-0.6, len(columns) - 0.2), ylim=(len(rows) - 0.4, -0.6), aspect="equal")
     axes.set_xlabel("said", fontsize=14)
     axes.set_ylabel("hidden", fontsize=14)
-    axes.set_xticks(range(len(columns)), [in_words(c) for c in columns], rotation=90, fontsize=13)
-    axes.set_yticks(range(len(rows)), [in_words(r) for r in rows], fontsize=13)
+    axes.set_xticks(range(len(columns)), [table_name(c) for c in columns], rotation=90, fontsize=13)
+    axes.set_yticks(range(len(rows)), [table_name(r) for r in rows], fontsize=13)
     return Figure("confusion.svg", charts.svg(canvas), "What was hidden, and what was said; areas are shares of a row.")
 
 
@@ -200,13 +200,20 @@ def _errors(judged: JudgedCases) -> Table:
     rows = []
     for row in dict.fromkeys(scoring.row_of(answer) for answer, _ in judged):
         chosen = [(answer, found) for answer, found in judged if scoring.row_of(answer) == row]
-        over = sorted(scoring.over_floor(answer, found) for answer, found in chosen if math.isfinite(found.error))
+        over = sorted(scoring.error_ratio(answer, found) for answer, found in chosen if math.isfinite(found.error))
         floors = scoring.median(found.floor / answer.floor for answer, found in chosen)
         right = sum(is_right(answer, found) for answer, found in chosen)
         worst = f"{over[-1]:.3g}" if over else "–"
         seconds = f"{scoring.median(found.seconds for _, found in chosen):.1f}"
         rows.append(
-            [in_words(row), f"{right} of {len(chosen)}", f"{scoring.median(over):.3g}", worst, f"{floors:.3g}", seconds]
+            [
+                table_name(row),
+                f"{right} of {len(chosen)}",
+                f"{scoring.median(over):.3g}",
+                worst,
+                f"{floors:.3g}",
+                seconds,
+            ]
         )
     head = ["hidden", "right", "error / floor, median", "largest", "estimated / true floor", "seconds, median"]
     on = "the run for testing" if any(found.is_tested for _, found in judged) else "the validation runs"
@@ -219,7 +226,7 @@ def _intervals(judged: JudgedCases) -> Table:
     for name in numbers:
         each = [found.inside[name] for _, found in judged if name in found.inside]
         held = f"{sum(hit for hit, _ in each)} of {len(each)}"
-        rows.append([in_words(name), held, f"±{100.0 * scoring.median(width for _, width in each):.2g} %"])
+        rows.append([table_name(name), held, f"±{100.0 * scoring.median(width for _, width in each):.2g} %"])
     return Table(
         ["number", "interval holds the truth", "half width, median"], rows, "95 % intervals of what was named."
     )
@@ -227,7 +234,7 @@ def _intervals(judged: JudgedCases) -> Table:
 
 def _wrong(outcomes: Sequence[Outcome]) -> Table:
     wrong = [o for o in outcomes if o.found is None or not is_right(o.answer, o.found)]
-    rows = [[str(o.number), o.answer.kind, described(o)] for o in wrong]
+    rows = [[str(o.number), o.answer.kind, outcome_text(o)] for o in wrong]
     return Table(["case", "kind", "hidden, at its effect-to-noise ratio -> said"], rows)
 
 
@@ -237,7 +244,7 @@ def _result(outcomes: Sequence[Outcome], rates: Table, seed: int) -> dict[str, A
             "number": o.number,
             "kind": o.answer.kind,
             "right": o.found is not None and is_right(o.answer, o.found),
-            "said": described(o),
+            "said": outcome_text(o),
             "source": o.source,
         }
         for o in outcomes

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from studies.hidden_effect_trial.effects import CALLED
+from studies.hidden_effect_trial.effects import CATALOGUE_NAMES
 from studies.hidden_effect_trial.faults import TRUE
 from studies.hidden_effect_trial.folder import Answer
 
@@ -92,7 +92,7 @@ def is_right(answer: Answer, found: Diagnosed) -> bool:
     False
     """
     if answer.fault:
-        return names_main(answer, found) and not invented(answer, found)
+        return names_main(answer, found) and not false_effects(answer, found)
     if answer.kind in UNNAMED:
         return found.verdict == NOTHING and not found.named
     if answer.kind == "outside":
@@ -110,7 +110,7 @@ def is_right(answer: Answer, found: Diagnosed) -> bool:
 
 def _means(answer: Answer, group: tuple[str, ...], hidden: str) -> bool:
     """Return whether a group has a hidden effect, and otherwise only effects truly confounded with it."""
-    called = CALLED.get(hidden, hidden)
+    called = CATALOGUE_NAMES.get(hidden, hidden)
     return len(group) <= LARGEST_GROUP and called in group and set(group) <= {called, *answer.groups.get(hidden, ())}
 
 
@@ -120,7 +120,7 @@ def names_main(answer: Answer, found: Diagnosed) -> bool:
     return all(any(_means(answer, group, hidden) for group in groups) for hidden in answer.effects)
 
 
-def invented(answer: Answer, found: Diagnosed) -> tuple[str, ...]:
+def false_effects(answer: Answer, found: Diagnosed) -> tuple[str, ...]:
     """Return the groups, in words, that are named on an imperfect bench and are not what is hidden there.
 
     What a structural error truly contains is no invention.
@@ -144,7 +144,7 @@ def group_of(found: Diagnosed, name: str) -> tuple[str, ...]:
     return next((group for group in found.groups if name in group), (name,))
 
 
-def over_floor(answer: Answer, found: Diagnosed) -> float:
+def error_ratio(answer: Answer, found: Diagnosed) -> float:
     """Return the error over the one that no model can go below, on the same runs."""
     return found.error / (answer.floor if found.is_tested else answer.validation_floor or answer.floor)
 

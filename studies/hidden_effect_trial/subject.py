@@ -27,7 +27,7 @@ def diagnose(folder: Path, answer: Answer) -> Diagnosed:
     error = _test_error(found, [run.name for run in recorded if run.role == "test"])
     inside: dict[str, tuple[bool, float]] = {}
     for named in found.effects:
-        inside |= _inside(named, answer.effects.get(named.name, {}))
+        inside |= _interval_checks(named, answer.effects.get(named.name, {}))
     return Diagnosed(
         verdict=str(found.verdict),
         named=tuple(named.name for named in found.effects),
@@ -49,7 +49,7 @@ def _test_error(found: Any, names: list[str]) -> float | None:
     return float(np.sqrt(np.nanmean(np.concatenate(tested) ** 2))) if tested else None
 
 
-def _inside(named: Any, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:
+def _interval_checks(named: Any, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:
     """Return for each number of an effect whether its interval holds the truth, and how wide it is."""
     coverage = {}
     for each in getattr(named, "values", ()):

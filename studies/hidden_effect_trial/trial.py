@@ -33,10 +33,7 @@ _MAKERS = (
     "folder",
 )  # fmt: skip
 #: What of the package no diagnosis imports: its changes leave outcomes what they are.
-ELSEWHERE = (
-    "cache", "cli", "condensing", "fem", "importing", "isolated", "large_stroke", "multifidelity", "quantities",
-    "refinement", "report", "sizing", "stage_coupling", "study", "sweeps", "testing", "validation", "versions",
-)  # fmt: skip
+NOT_IMPORTED = ("api", "cli", "fem", "report", "testing", "workbench", "workflows")
 
 
 @dataclass(frozen=True)
@@ -136,7 +133,7 @@ def folder_of(out: Path, seed: int, on_imperfect: bool = False) -> Path:
     return out / (f"imperfect-seed-{seed}" if on_imperfect else f"seed-{seed}")
 
 
-def drawn(number: int, out: Path, seed: int = cases.SEED) -> tuple[Path, Answer]:
+def make_case(number: int, out: Path, seed: int = cases.SEED) -> tuple[Path, Answer]:
     """Return the folder of a case and its answer; they are made if this version of the trial has not yet."""
     here = Path(__file__).parent
     made = out / "drawn" / fingerprint(here, [here / f"{name}.py" for name in _MAKERS])
@@ -144,16 +141,16 @@ def drawn(number: int, out: Path, seed: int = cases.SEED) -> tuple[Path, Answer]
     name = f"{'imperfect' if on_imperfect else cases.kind_of(number)}-{number}"
     folder, answer = made / name, made / "answers" / f"{name}.toml"
     if not answer.is_file():  # written last
-        case = imperfect.make(number, seed) if on_imperfect else cases.tested(cases.make(number, seed))
+        case = imperfect.make(number, seed) if on_imperfect else cases.add_test_run(cases.make(number, seed))
         folders.write(case, folder, answer)
     return folder, folders.read_answer(answer)
 
 
-def one(number: int, out: Path, seconds: float = 0.0, seed: int = cases.SEED) -> Outcome:
+def run_case(number: int, out: Path, seconds: float = 0.0, seed: int = cases.SEED) -> Outcome:
     """Make and diagnose a case."""
     from studies.hidden_effect_trial import subject
 
-    folder, answer = drawn(number, out, seed)
+    folder, answer = make_case(number, out, seed)
     found, error = None, ""
     try:
         with _no_longer_than(seconds):
@@ -168,7 +165,7 @@ def source() -> str:
     import flexdesign
 
     package = Path(flexdesign.__file__).parent
-    on_trial = (each for each in sorted(package.rglob("*.py")) if _top(each, package) not in ELSEWHERE)
+    on_trial = (each for each in sorted(package.rglob("*.py")) if _top(each, package) not in NOT_IMPORTED)
     return fingerprint(package, on_trial)
 
 
@@ -195,7 +192,7 @@ class _no_longer_than:
         raise TimeoutError(f"took longer than {self.seconds:g} s")
 
 
-def keep(outcome: Outcome, out: Path) -> None:
+def append_outcome(outcome: Outcome, out: Path) -> None:
     """Add what came of a case to the file of outcomes; what a killed process leaves of a line is passed over."""
     out.mkdir(parents=True, exist_ok=True)
     with (out / OUTCOMES).open("ab+") as file:
@@ -204,7 +201,7 @@ def keep(outcome: Outcome, out: Path) -> None:
         file.write(b"\n" * torn + json.dumps(asdict(outcome)).encode() + b"\n")
 
 
-def kept(out: Path, seed: int = cases.SEED) -> dict[int, Outcome]:
+def read_outcomes(out: Path, seed: int = cases.SEED) -> dict[int, Outcome]:
     """Return what came of a seed's cases before, by number, but for those whose last outcome is an error."""
     try:
         lines = (out / OUTCOMES).read_text(encoding="utf-8").splitlines()
@@ -256,7 +253,7 @@ def run(
     seed
         Of all cases.
     """
-    known = {} if fresh else kept(out, seed)
+    known = {} if fresh else read_outcomes(out, seed)
     done = {n: known[n] for n in numbers if n in known}
     left = [n for n in numbers if n not in done]
     if done:
@@ -268,22 +265,22 @@ def run(
         os.environ[name] = "1"
     began = time.perf_counter()
     with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent) as pool:
-        waiting = {pool.submit(one, n, out, seconds, seed): n for n in left}
+        waiting = {pool.submit(run_case, n, out, seconds, seed): n for n in left}
         for count, future in enumerate(as_completed(waiting), start=1):
             outcome = future.result()
-            keep(outcome, out)
+            append_outcome(outcome, out)
             done[outcome.number] = outcome
             rest = (time.perf_counter() - began) / count * (len(left) - count)
             said = outcome.error or (
                 f"{'right' if outcome.found and is_right(outcome.answer, outcome.found) else 'WRONG'}: "
-                f"{described(outcome)}"
+                f"{outcome_text(outcome)}"
             )
             name = f"{outcome.answer.kind}-{outcome.number}"
             say(f"{len(done):4d}/{len(numbers)}  {name:15s} {said}  [{_time(rest)} left]")
     return [done[n] for n in numbers]
 
 
-def described(outcome: Outcome) -> str:
+def outcome_text(outcome: Outcome) -> str:
     """Return in a line what was hidden and what was said."""
     answer, found = outcome.answer, outcome.found
     hidden = ", ".join(f"{name} at {answer.ratio.get(name, math.nan):.3g}" for name in answer.effects) or "nothing"

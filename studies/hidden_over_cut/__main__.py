@@ -12,10 +12,10 @@ import numpy as np
 from flexdesign.design import design
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Bridge, Fineness
-from studies.error_bars.trial import LEVELS, extrapolated
+from studies.error_bars.trial import LEVELS, extrapolate
 
 FOLDER = Path(__file__).parent
-DRAWN = (0.35, 0.5, 0.7)
+THICKNESSES = (0.35, 0.5, 0.7)
 NOISE, SEED = 0.005, 7
 ROWS = (
     ("K_in", "K_in_output_free", "N/mm", 1e3, "free"),
@@ -32,7 +32,7 @@ def main() -> int:
     rng = np.random.default_rng(SEED)
     lines = ["# Amplifiers of three hinge thicknesses, input and output measured one after the other, 0.5 % noise."]
     lines.append("quantity,value,unit,sigma,boundary,hinge_thickness [mm]")
-    for drawn in DRAWN:
+    for drawn in THICKNESSES:
         true = design.read(design.find("bridge_amplifier"), [f"dimensions.hinge_thickness={drawn - thinner:g} mm"])
         metal, part = true.material, cast(Bridge, true.part())
         print(f"solving {drawn - thinner:g} mm", file=sys.stderr, flush=True)
@@ -40,7 +40,7 @@ def main() -> int:
             bridge.solve(part, metal.youngs_modulus, metal.poissons_ratio, fineness=Fineness.of(level))
             for level in LEVELS
         ]
-        found = extrapolated(*meshes).values
+        found = extrapolate(*meshes).values
         for quantity, key, unit, scale, boundary in ROWS:
             value = found[key] / scale * (1 + NOISE * rng.standard_normal())
             lines.append(f"{quantity},{value:.5g},{unit},{100 * NOISE:g} %,{boundary},{drawn:g}")

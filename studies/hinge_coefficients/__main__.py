@@ -37,7 +37,7 @@ def rows() -> Iterator[Row]:
         yield f"block, d/t {depth:g}, b/t {overhang:g}: NM", float(solved[0, 1]), nm
     for depth, height in PRESSED:
         _, _, nn, _ = roots.coefficients(Root("flank", depth, 0.4 * height, height=height), 1.0)
-        solved_nn = planar.evenly_loaded(depth, 0.4 * height, height)
+        solved_nn = planar.pressed_root_compliance(depth, 0.4 * height, height)
         yield f"pressed block, d/t {depth:g}, h/t {height:g}: NN", solved_nn, nn
     for name, shape, neck in notches.CASES:
         solved, beams, program = notches.compliances(shape, neck)
@@ -50,7 +50,7 @@ def rows() -> Iterator[Row]:
     for ratio in (0.05, 0.15, 0.4, 1.0, 3.0):
         yield f"relief, bent, l/w {ratio:g}", plate.bent(ratio), float(np.interp(ratio, width.RATIOS, width.BENDING))
         at = float(np.interp(ratio, width.RATIOS, width.STRETCHING))
-        yield f"relief, stretched, l/w {ratio:g}", plate.stretched(ratio), at
+        yield f"relief, stretched, l/w {ratio:g}", plate.relief(ratio), at
 
 
 def _of(what: str, solved: planar.Array, root: Root, radius: float = 0.0) -> Iterator[Row]:

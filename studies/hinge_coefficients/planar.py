@@ -27,7 +27,7 @@ SHEAR = 0.5 / (1 + POISSON)
 CORNERS = 321
 
 
-class Solved:
+class SupportedPlane:
     """A meshed outline, some of its motions held, ready for loads on its straight sides."""
 
     def __init__(self, outline: Sequence[Point], roots: Sequence[Point], finest: float, largest: float) -> None:
@@ -81,7 +81,7 @@ class Solved:
         return np.array([[load @ move for move in moves] for load in loads])
 
 
-def leaf_loads(solved: Solved) -> list[Array]:
+def leaf_loads(solved: SupportedPlane) -> list[Array]:
     """Return unit loads N, V and M at the free end of a leaf that runs along x from 0 to `LEAF`."""
     end = solved.side(lambda x: np.isclose(x[0], LEAF))
     return [
@@ -105,7 +105,7 @@ def at_root(compliance: Array, reach: float) -> Array:
     return np.asarray(back.T @ compliance @ back)
 
 
-def filleted(radius: float) -> tuple[list[Point], Array]:
+def filleted_edge(radius: float) -> tuple[list[Point], Array]:
     """Return the upper edge of a leaf from its tip to the wall, and its compliance as a beam of growing thickness."""
     angles = np.linspace(0, np.pi / 2, 25) if radius else np.zeros(1)
     arc = [(radius * (1 - float(np.sin(a))), 0.5 + radius * (1 - float(np.cos(a)))) for a in angles]
@@ -117,7 +117,7 @@ def filleted(radius: float) -> tuple[list[Point], Array]:
     return [(LEAF, 0.5), *arc], np.array([[n, 0, 0], [0, v, vm], [0, vm, m]])
 
 
-def extrapolated(root: Callable[[float], Array]) -> Array:
+def extrapolate_root(root: Callable[[float], Array]) -> Array:
     """Return the limit of a root's compliance for vanishing edges."""
     coarse, fine = root(2 * FINEST), root(FINEST)
     return np.asarray(fine + (fine - coarse) / (2**ORDER - 1))
@@ -126,18 +126,18 @@ def extrapolated(root: Callable[[float], Array]) -> Array:
 @cache
 def end(depth: float, radius: float = 0.0) -> Array:
     """Return what the root gives way where a leaf runs into the end of a beam of thickness `depth`: 3 by 3."""
-    upper, leaf = filleted(radius)
+    upper, leaf = filleted_edge(radius)
     wall = 3 * depth
     mirrored = [(x, -y) for x, y in reversed(upper)]
     outline = [*mirrored, *upper, (0.0, depth / 2), (-wall, depth / 2), (-wall, -depth / 2), (0.0, -depth / 2)]
     roots = upper[1:] + mirrored[:-1]
 
     def root(finest: float) -> Array:
-        solved = Solved(outline, roots, min(finest, radius / 6) if radius else finest, max(0.35, depth / 12))
+        solved = SupportedPlane(outline, roots, min(finest, radius / 6) if radius else finest, max(0.35, depth / 12))
         whole = solved.compliance(leaf_loads(solved), solved.held(solved.side(lambda x: np.isclose(x[0], -wall))))
         return at_root(whole - leaf, LEAF) - cantilever(wall, depth)
 
-    return extrapolated(root)
+    return extrapolate_root(root)
 
 
 @cache
@@ -155,11 +155,11 @@ def flank(depth: float, overhang: float, height: float) -> Array:
 
     def root(finest: float) -> Array:
         roots = [(0, 0.5), (0, -0.5), (-depth, -height), (0, -height)]
-        solved = Solved([(float(x), float(y)) for x, y in outline], roots, finest, depth / 6)
+        solved = SupportedPlane([(float(x), float(y)) for x, y in outline], roots, finest, depth / 6)
         whole = solved.compliance(leaf_loads(solved), solved.held(solved.side(lambda x: np.isclose(x[1], -height))))
         return at_root(whole - cantilever(LEAF), LEAF) - lever.T @ beam @ lever
 
-    return extrapolated(root)
+    return extrapolate_root(root)
 
 
 @cache
@@ -170,17 +170,17 @@ def block(depth: float, overhang: float, height: float) -> Array:
 
     def root(finest: float) -> Array:
         largest = max(min(depth, height) / 5, 0.3)
-        solved = Solved([(float(x), float(y)) for x, y in outline], [(0, 0.5), (0, -0.5)], finest, largest)
+        solved = SupportedPlane([(float(x), float(y)) for x, y in outline], [(0, 0.5), (0, -0.5)], finest, largest)
         middle = solved.side(lambda x: np.isclose(x[0], -depth))
         held = np.concatenate([solved.held(middle, "u^1"), solved.at((-depth, below), 1)])
         n, _, m = leaf_loads(solved)
         return solved.compliance([n, m], held) - np.diag([LEAF, 12 * LEAF])
 
-    return extrapolated(root)
+    return extrapolate_root(root)
 
 
 @cache
-def evenly_loaded(depth: float, overhang: float, height: float) -> float:
+def pressed_root_compliance(depth: float, overhang: float, height: float) -> float:
     """Return what the root gives way per N where an actuator presses evenly on the side that the leaf pulls at.
 
     The block reaches from the plane y = 0, in which it is mirrored, to `overhang` above the leaf, whose axis lies at
@@ -193,7 +193,7 @@ def evenly_loaded(depth: float, overhang: float, height: float) -> float:
     def root(finest: float) -> Array:
         roots = [(0.0, height + 0.5), (0.0, height - 0.5)]
         largest = max(min(depth, height) / 5, 0.3)
-        solved = Solved([(float(x), float(y)) for x, y in outline], roots, finest, largest)
+        solved = SupportedPlane([(float(x), float(y)) for x, y in outline], roots, finest, largest)
         pressed = solved.side(lambda x: np.isclose(x[0], 0) & (x[1] < face + 1e-9))
         push = solved.load(pressed, lambda x: (1 / face + 0 * x[0], 0 * x[0]))
         tip = solved.side(lambda x: np.isclose(x[0], -LEAF))
@@ -203,7 +203,7 @@ def evenly_loaded(depth: float, overhang: float, height: float) -> float:
 
     inertia = depth**3 / 12
     beam = 2 * height**3 / (15 * inertia) + 1.2 * height / (3 * SHEAR * depth)
-    return float(extrapolated(root)[0, 0] - beam)
+    return float(extrapolate_root(root)[0, 0] - beam)
 
 
 @cache
@@ -224,7 +224,7 @@ def notch(shape: Notch, neck: float) -> Array:
     reach = half + 2 * deep
     upper = [(-reach, deep / 2), *zip(along.tolist(), up.tolist(), strict=True), (reach, deep / 2)]
     outline = upper + [(x, -y) for x, y in reversed(upper)]
-    solved = Solved(outline, [(0.0, neck / 2), (0.0, -neck / 2)], 0.06 * neck, deep / 12)
+    solved = SupportedPlane(outline, [(0.0, neck / 2), (0.0, -neck / 2)], 0.06 * neck, deep / 12)
     tip = solved.side(lambda x: np.isclose(x[0], reach))
     loads = [
         solved.load(tip, lambda x: (1 / deep + 0 * x[0], 0 * x[0])),

@@ -59,7 +59,7 @@ def bent(ratio: float) -> float:
 
 
 @cache
-def stretched(ratio: float) -> float:
+def relief(ratio: float) -> float:
     """Return the relief of a sheet whose clamped sides part; length over width is `ratio`."""
     wide = 1 / ratio
     (x, wx), (y, wy) = _points(-0.5, 0.5), _points(-wide / 2, wide / 2)

@@ -86,7 +86,7 @@ class Experiment(NamedTuple):
 
     label: str
     exact: Ultimate
-    found: Ultimate
+    measured: Ultimate
     runs: int
 
 
@@ -98,7 +98,7 @@ class Findings:
     ----------
     axis
         The axis as printed.
-    retold, retold_margins
+    recomputed, recomputed_margins
         Ziegler-Nichols on the printed transfer function, and its margins there.
     candidates
         Plants that the printed gains can belong to.
@@ -113,8 +113,8 @@ class Findings:
     """
 
     axis: Axis
-    retold: PID
-    retold_margins: Margins
+    recomputed: PID
+    recomputed_margins: Margins
     candidates: tuple[Candidate, ...]
     family: tuple[Plant, ...]
     limit: Plant
@@ -141,7 +141,7 @@ def investigate(axis: Axis) -> Findings:
     named = [(_label(found, period), found) for found in implied]
     # A whole oscillation later the same phase comes again: only the shortest delay is a loop that anyone would build.
     named += [("printed frequency", found) for found in at_printed[:1]]
-    candidates = tuple(judged(axis, label, found.plant) for label, found in named)
+    candidates = tuple(evaluate(axis, label, found.plant) for label, found in named)
     members = family(axis, implied[0].plant)
     stable = [found for (_, found), candidate in zip(named, candidates, strict=True) if candidate.margins.stable]
     return Findings(
@@ -156,7 +156,7 @@ def investigate(axis: Axis) -> Findings:
     )
 
 
-def judged(axis: Axis, label: str, plant: Plant) -> Candidate:
+def evaluate(axis: Axis, label: str, plant: Plant) -> Candidate:
     """Return a candidate with what the printed gains and ours do on it."""
     period = axis["period"]
     found = margins(open_loop(plant, axis.pid, period))
@@ -165,22 +165,22 @@ def judged(axis: Axis, label: str, plant: Plant) -> Candidate:
         label,
         plant,
         rounding(axis, plant),
-        stepped(plant, None, period),
-        stepped(plant, axis.pid, period) if found.stable else None,
+        step_response(plant, None, period),
+        step_response(plant, axis.pid, period) if found.stable else None,
         found,
         tuning,
-        stepped(plant, tuning.pid, period) if tuning else None,
+        step_response(plant, tuning.pid, period) if tuning else None,
     )
 
 
-def stepped(plant: Plant, pid: PID | None, period: float) -> Step:
+def step_response(plant: Plant, pid: PID | None, period: float) -> Step:
     """Return the response to a unit step, in open loop without a controller."""
     response = simulate(plant, pid, np.ones(SAMPLES), period)
     settling = settling_time(response.time, response.output, 1.0, BAND)
     return Step(response, settling, max(0.0, float(np.max(response.output)) - 1.0))
 
 
-def fitted(axis: Axis, target: Ultimate, delay: float, near: Plant) -> Plant | None:
+def fit_plant(axis: Axis, target: Ultimate, delay: float, near: Plant) -> Plant | None:
     """Return the plant next to `near` with this delay [s] and ultimate gain and period; None if there is none.
 
     Two equations, 1 + Ku G(z) = 0 at the ultimate period, in the two unknowns natural frequency and damping ratio.
@@ -204,7 +204,7 @@ def family(axis: Axis, first: Plant) -> tuple[Plant, ...]:
     """Return the plants of the printed gains from `first` on, by rising delay, up to where no damping is left."""
     members, step = [first], FAMILY_STEP * axis["period"]
     while True:
-        following = fitted(axis, axis.target, first.delay + len(members) * step, members[-1])
+        following = fit_plant(axis, axis.target, first.delay + len(members) * step, members[-1])
         if following is None or following.damping_ratio < 1e-6:
             return tuple(members)
         members.append(following)
@@ -215,7 +215,7 @@ def rounding(axis: Axis, plant: Plant) -> tuple[float, float]:
     frequency = damping = 0.0
     for kp, ti in itertools.product((-1, 1), repeat=2):
         gains = PID(axis["kp"] + kp * axis.half_digit("kp"), axis["ti"] + ti * axis.half_digit("ti"))
-        moved = fitted(axis, from_rule(gains), plant.delay, plant)
+        moved = fit_plant(axis, from_rule(gains), plant.delay, plant)
         if moved is None:
             raise InputError("study", "rounding", axis.name, "no plant belongs to the gains half a digit off")
         frequency = max(frequency, abs(moved.natural_frequency - plant.natural_frequency))
@@ -228,11 +228,11 @@ def damping_for(settling: float, frequency: float) -> float:
     return -math.log(BAND) / (2 * math.pi * frequency * settling)
 
 
-def settled_on(plant: Plant, pid: PID, period: float) -> float:
+def settling_on(plant: Plant, pid: PID, period: float) -> float:
     """Return the settling time of a controller on a plant [s]; nan if the loop is unstable."""
     if not matrices(open_loop(plant, pid, period)).is_stable():
         return math.nan
-    return stepped(plant, pid, period).settling
+    return step_response(plant, pid, period).settling
 
 
 def experiment(label: str, plant: Plant, period: float) -> Experiment:
@@ -264,7 +264,7 @@ def _limit(axis: Axis, members: Sequence[Plant]) -> Plant:
         return members[-1]
     ends = slice(first - 1, first + 1)
     delay = float(np.interp(1.0, radii[ends], [plant.delay for plant in members[ends]]))
-    return fitted(axis, axis.target, delay, members[first - 1]) or members[first - 1]
+    return fit_plant(axis, axis.target, delay, members[first - 1]) or members[first - 1]
 
 
 def _answering(candidates: Sequence[Implied]) -> Array:

@@ -11,8 +11,8 @@ from flexdesign.dynamics.control import PID, Plant, open_loop, rule, ultimate
 from flexdesign.dynamics.control.sampled_loop import matrices
 from flexdesign.report.diagnosis import frequency_charts as charts
 from flexdesign.report.document import Figure, Section, Table
-from studies.lin2019_gains.findings import BAND, Candidate, Findings, Step, damping_for, settled_on
-from studies.lin2019_gains.words import hz, ms, n, named, settling
+from studies.lin2019_gains.findings import BAND, Candidate, Findings, Step, damping_for, settling_on
+from studies.lin2019_gains.words import axis_and_plant, hz, ms, n, settling
 
 # --- (e) What the printed gains do
 
@@ -22,9 +22,9 @@ def printed_gains(findings: Sequence[Findings]) -> Section:
     rows = []
     for found in findings:
         for c in found.candidates:
-            printed = [ms(settling(c.printed)), _saved(c, c.printed)] if c.printed else ["unstable", "–"]
-            ours = [ms(settling(c.ours)), _saved(c, c.ours)] if c.ours else ["–", "–"]
-            rows.append([named(found, c), ms(c.alone.settling), *printed, *ours, ms(_worst(c))])
+            printed = [ms(settling(c.printed)), _change_text(c, c.printed)] if c.printed else ["unstable", "–"]
+            ours = [ms(settling(c.ours)), _change_text(c, c.ours)] if c.ours else ["–", "–"]
+            rows.append([axis_and_plant(found, c), ms(c.alone.settling), *printed, *ours, ms(_worst(c))])
     head = ["plant", "open loop", "printed", "change", "ours", "change", "ours, ±3 %"]
     caption = (
         f"Settling to {100 * BAND:g} %; the last column with the natural frequency off by 3 % either way, at worst"
@@ -36,7 +36,7 @@ def printed_gains(findings: Sequence[Findings]) -> Section:
             peaks = (c.margins.ms, c.tuning.margins.ms if c.tuning else math.nan)
             overshoot = [f"{share:.1f} %" for share in shares]
             phase = [f"{n(c.margins.phase_margin, 3)} deg", f"{n(c.margins.gain_margin, 3)}"]
-            swings.append([named(found, c), *overshoot, *phase, *(n(peak, 3) for peak in peaks)])
+            swings.append([axis_and_plant(found, c), *overshoot, *phase, *(n(peak, 3) for peak in peaks)])
     more = ["plant", "open loop", "printed", "ours", "phase margin", "gain margin", "Ms", "Ms, ours"]
     first, delayed = xy.stable[:2]
     quoted = damping_for(xy.axis["settling"], first.plant.natural_frequency)
@@ -60,7 +60,7 @@ def printed_gains(findings: Sequence[Findings]) -> Section:
         f"An overshoot of {100 * first.alone.overshoot:.0f} % makes Fig 13 a step of "
         f"{to_text(xy.axis['overshoot'] / first.alone.overshoot, 'um', 2, si='m')}; its height is not in the text.",
         "Gains of ours (smallest worst-case ITAE of a reference step under a limit on the sensitivity, natural "
-        f"frequency off by 3 % either way) keep the claim {_kept(findings, xy.axis['shorter'])}.",
+        f"frequency off by 3 % either way) keep the claim {_claim_text(findings, xy.axis['shorter'])}.",
     ]
     tables = [
         Table(head, rows, caption),
@@ -71,9 +71,11 @@ def printed_gains(findings: Sequence[Findings]) -> Section:
     return Section("What the printed gains do", text, tables, figures)
 
 
-def _kept(findings: Sequence[Findings], share: float) -> str:
+def _claim_text(findings: Sequence[Findings], share: float) -> str:
     """Return on which plants our gains shorten the settling by more than this share."""
-    failed = [named(f, c) for f in findings for c in f.stable if settling(c.ours) > (1 - share) * c.alone.settling]
+    failed = [
+        axis_and_plant(f, c) for f in findings for c in f.stable if settling(c.ours) > (1 - share) * c.alone.settling
+    ]
     rest = "" if not failed else f" but {' and '.join(failed)}, which by its own damping settles fast already"
     return f"on every plant they were tuned for{rest}"
 
@@ -135,14 +137,14 @@ def our_gains(findings: Sequence[Findings]) -> Section:
     ]
     head = ["tuned for", "Kp", "Ti", "Td", "Kp/Ti [1/s]", "Kp Td", "loop phase at f0", "gain at f0"]
     own = Table(head, rows, "Our gains; the set point enters through the integral part alone")
-    tables = [own, *(_crossed(found) for found in findings)]
+    tables = [own, *(_cross_table(found) for found in findings)]
     return Section("Our gains", text, tables)
 
 
 def _tuned_row(found: Findings, candidate: Candidate, pid: PID) -> list[str]:
     size, phase = _at_resonance(candidate.plant, pid, found.axis["period"])
     return [
-        named(found, candidate),
+        axis_and_plant(found, candidate),
         n(pid.kp),
         ms(pid.ti),
         ms(pid.td),
@@ -153,12 +155,12 @@ def _tuned_row(found: Findings, candidate: Candidate, pid: PID) -> list[str]:
     ]
 
 
-def _crossed(found: Findings) -> Table:
+def _cross_table(found: Findings) -> Table:
     """Return how gains tuned for one candidate settle on the others."""
     rows = []
     for tuned in found.stable:
-        times = [settled_on(c.plant, tuned.tuning.pid, found.axis["period"]) for c in found.stable if tuned.tuning]
-        rows.append([named(found, tuned), *("unstable" if math.isnan(time) else ms(time) for time in times)])
+        times = [settling_on(c.plant, tuned.tuning.pid, found.axis["period"]) for c in found.stable if tuned.tuning]
+        rows.append([axis_and_plant(found, tuned), *("unstable" if math.isnan(time) else ms(time) for time in times)])
     return Table(
         ["tuned for", *(f"on {c.label}" for c in found.stable)],
         rows,
@@ -191,15 +193,15 @@ def by_experiment(findings: Sequence[Findings]) -> Section:
     rows = []
     for found in findings:
         for one in found.experiments:
-            gain, period = (a / b - 1 for a, b in zip(one.found, one.exact, strict=True))
+            gain, period = (a / b - 1 for a, b in zip(one.measured, one.exact, strict=True))
             values = [
                 n(one.exact.gain),
-                n(one.found.gain),
+                n(one.measured.gain),
                 f"{gain:+.1e}",
                 ms(one.exact.period, 4),
                 f"{period:+.1e}",
             ]
-            rows.append([f"{found.axis.name}, {one.label}", *values, f"{one.runs}", n(rule(one.found).kp)])
+            rows.append([f"{found.axis.name}, {one.label}", *values, f"{one.runs}", n(rule(one.measured).kp)])
     head = ["plant", "Ku", "by experiment", "off by", "Tu", "off by", "runs", "Kp by rule"]
     text = [
         "The experiment of Ziegler and Nichols, done on the simulated loop: raise the proportional gain until the "
@@ -210,7 +212,7 @@ def by_experiment(findings: Sequence[Findings]) -> Section:
     return Section("Ziegler-Nichols by experiment", text, [Table(head, rows)])
 
 
-def _saved(candidate: Candidate, step: Step | None) -> str:
+def _change_text(candidate: Candidate, step: Step | None) -> str:
     return f"{100 * (settling(step) / candidate.alone.settling - 1):+.0f} %"
 
 

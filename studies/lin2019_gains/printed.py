@@ -11,7 +11,7 @@ from flexdesign.dynamics.control import PID, Plant, Ultimate
 from flexdesign.dynamics.control.ziegler_nichols import from_rule
 
 
-class Sourced(NamedTuple):
+class PrintedNumber(NamedTuple):
     """A printed number: what it is, as printed for X/Y and for Z, its SI unit, and its place in the paper."""
 
     meaning: str
@@ -24,14 +24,14 @@ class Sourced(NamedTuple):
 PAPER = printed_numbers.read("lin2019")
 
 
-def _sourced(meaning: str, si: str, xy: tuple[str, str], z: tuple[str, str] | None) -> Sourced:
+def _printed_number(meaning: str, si: str, xy: tuple[str, str], z: tuple[str, str] | None) -> PrintedNumber:
     """Return a number of studies/lin2019.toml, by place and name for X/Y and for Z; None where none is printed."""
-    return Sourced(meaning, PAPER(*xy).text, PAPER(*z).text if z else "", si, xy[0])
+    return PrintedNumber(meaning, PAPER(*xy).text, PAPER(*z).text if z else "", si, xy[0])
 
 
-def _both(meaning: str, si: str, place: str, name: str) -> Sourced:
+def _both(meaning: str, si: str, place: str, name: str) -> PrintedNumber:
     """Return a number that is printed for X/Y and for Z."""
-    return _sourced(meaning, si, (place, f"{name}_xy"), (place, f"{name}_z"))
+    return _printed_number(meaning, si, (place, f"{name}_xy"), (place, f"{name}_z"))
 
 
 _FIG_7, _FIG_9, _FIG_13 = "section 4.2, Fig 7", "section 4.2, Figs 9 to 11", "section 4.3.2, Fig 13"
@@ -43,16 +43,16 @@ PRINTED = {
     "kp": _both("proportional gain", "1", "eq (34)", "kp"),
     "ti": _both("integral time", "s", "eq (34)", "ti"),
     "td": _both("derivative time", "s", "eq (34)", "td"),
-    "period": _sourced("sampling interval", "s", ("eq (33)", "period"), ("eq (33)", "period")),
+    "period": _printed_number("sampling interval", "s", ("eq (33)", "period"), ("eq (33)", "period")),
     "stiffness": _both("output stiffness, model", "N/m", "Table 1, model", "K_out"),
     "fea_stiffness": _both("output stiffness, FEA", "N/m", "Table 1, FEA", "K_out"),
     "input_stiffness": _both("input stiffness, model", "N/m", "Table 1, model", "K_in"),
     "stroke": _both("motion at 120 V", "m", _FIG_7, "span"),
-    "moved": _sourced("motion in the coupling test", "m", (_FIG_9, "travel_x"), (_FIG_9, "travel_z")),
-    "input": _sourced("input in the coupling test", "m", (_FIG_9, "input"), (_FIG_9, "input")),
-    "overshoot": _sourced("overshoot, open loop", "m", (_FIG_13, "overshoot"), None),
-    "settling": _sourced("settling time, open loop", "s", (_FIG_13, "settling"), None),
-    "shorter": _sourced("settling time saved by PID, more than", "1", (_FIG_13, "shorter"), None),
+    "moved": _printed_number("motion in the coupling test", "m", (_FIG_9, "travel_x"), (_FIG_9, "travel_z")),
+    "input": _printed_number("input in the coupling test", "m", (_FIG_9, "input"), (_FIG_9, "input")),
+    "overshoot": _printed_number("overshoot, open loop", "m", (_FIG_13, "overshoot"), None),
+    "settling": _printed_number("settling time, open loop", "s", (_FIG_13, "settling"), None),
+    "shorter": _printed_number("settling time saved by PID, more than", "1", (_FIG_13, "shorter"), None),
 }
 
 

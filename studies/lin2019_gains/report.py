@@ -13,9 +13,9 @@ from flexdesign.dynamics.control import PID, Plant
 from flexdesign.report.diagnosis import frequency_charts as charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from studies.lin2019_gains import loops
-from studies.lin2019_gains.findings import Candidate, Findings, fitted
+from studies.lin2019_gains.findings import Candidate, Findings, fit_plant
 from studies.lin2019_gains.printed import PRINTED, Axis, damping_bound, frequency_bound
-from studies.lin2019_gains.words import hz, ms, n, named, settling
+from studies.lin2019_gains.words import axis_and_plant, hz, ms, n, settling
 
 #: Averages of a frequency response, for the coherence it needs.
 AVERAGES = 20
@@ -41,8 +41,8 @@ def _summary(findings: Sequence[Findings]) -> list[str]:
     xy, z = findings
     return [
         f"Eq (31) of the paper prints a stage with damping ratio {xy.axis.model.damping_ratio:.3f}; eq (34) prints the "
-        f"gains that Ziegler-Nichols tuning gave. On the printed stage the same rule gives Kp = {n(xy.retold.kp)} in "
-        f"X/Y, not {n(xy.axis['kp'])}. The printed model is not the plant that was tuned.",
+        f"gains that Ziegler-Nichols tuning gave. On the printed stage the same rule gives Kp = {n(xy.recomputed.kp)} "
+        f"in X/Y, not {n(xy.axis['kp'])}. The printed model is not the plant that was tuned.",
         f"In X/Y, whatever the loop delay, the printed gains belong to a lightly damped plant: damping ratio at most "
         f"{n(damping_bound(xy.axis), 2)}. Whether it carries another mass or stiffness than printed, or the "
         "loop a delay, the gains cannot say. The phase of a frequency response can.",
@@ -94,13 +94,14 @@ def _rule(findings: Sequence[Findings]) -> Section:
         ("Td", lambda pid: ms(pid.td, 4)),
         ("4 Td / Ti", lambda pid: f"{4 * pid.td / pid.ti:.3f}"),
     ]
-    rows = [[name, *(of(pid) for f in findings for pid in (f.axis.pid, f.retold))] for name, of in shown]
+    rows = [[name, *(of(pid) for f in findings for pid in (f.axis.pid, f.recomputed))] for name, of in shown]
     text = [
         f"The rule 0.6 Ku, Tu/2, Tu/8, applied to eq (31) behind a hold of {ms(xy.axis['period'], 1)}, gives a Kp "
-        f"{n(xy.retold.kp / xy.axis['kp'], 3)} times the printed one in X/Y and "
-        f"{n(z.retold.kp / z.axis['kp'], 3)} times in Z. The times differ by a factor of two. The printed gains do "
+        f"{n(xy.recomputed.kp / xy.axis['kp'], 3)} times the printed one in X/Y and "
+        f"{n(z.recomputed.kp / z.axis['kp'], 3)} times in Z. The times differ by a factor of two. The printed gains do "
         "follow the rule, as 4 Td / Ti shows: they were found on another plant.",
-        f"Nor would the rule have helped on eq (31). X/Y: {xy.retold_margins.says()} Z: {z.retold_margins.says()}",
+        f"Nor would the rule have helped on eq (31). X/Y: {xy.recomputed_margins.says()} "
+        f"Z: {z.recomputed_margins.says()}",
         f"Fig 13 says the same. The open loop overshoots by {to_text(xy.axis['overshoot'], 'um', 2, si='m')}, and a "
         f"plant of damping ratio {xy.axis.model.damping_ratio:.3f} cannot overshoot. The printed model fails.",
     ]
@@ -159,7 +160,7 @@ def _candidates(findings: Sequence[Findings]) -> Section:
 def _candidate_row(found: Findings, candidate: Candidate) -> list[str]:
     plant, (frequency, damping) = candidate.plant, candidate.rounding
     return [
-        named(found, candidate),
+        axis_and_plant(found, candidate),
         f"{plant.natural_frequency:.2f} ± {frequency:.2f} Hz",
         f"{plant.damping_ratio:.5f} ± {damping:.5f}",
         ms(plant.delay),
@@ -194,7 +195,7 @@ def _gain_in_doubt(found: Findings) -> str:
     ratios = list(axis.amplifications().values())
     plants = {}
     for ratio in (min(ratios), max(ratios)):
-        moved = fitted(axis, axis.target, 0.0, _with_gain(near, ratio))
+        moved = fit_plant(axis, axis.target, 0.0, _with_gain(near, ratio))
         plants[ratio] = f"{n(moved.damping_ratio, 3)}" if moved else "none"
     texts = " and ".join(f"{damping} with {n(ratio, 3)}" for ratio, damping in plants.items())
     return (
@@ -210,7 +211,7 @@ def _with_gain(plant: Plant, gain: float) -> Plant:
 # --- (d) The measurement
 
 
-class _Telling(NamedTuple):
+class _PhaseSeparation(NamedTuple):
     """How the phase distinguishes the candidates of an axis; angles in deg, frequencies in Hz."""
 
     oscillation: float
@@ -219,12 +220,12 @@ class _Telling(NamedTuple):
     per_tenth: float
 
 
-def _proposal(found: Findings) -> _Telling:
+def _proposal(found: Findings) -> _PhaseSeparation:
     at = 1 / found.axis.target.period
     phases = [float(c.plant.phase(at)) for c in found.stable]
     widest = sorted(found.comparison.phase[:, int(np.argmax(np.ptp(found.comparison.phase, axis=0)))])
     along = np.array([float(plant.phase(at / 2)) for plant in found.credible[:-1]])
-    return _Telling(
+    return _PhaseSeparation(
         at, max(phases) - min(phases), float(np.min(np.diff(widest))), float(np.min(np.abs(np.diff(along))))
     )
 

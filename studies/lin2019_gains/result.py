@@ -30,7 +30,7 @@ def _axis_result(found: Findings) -> dict[str, Any]:
         "damping_ratio": axis.model.damping_ratio,
         "mass": _value(axis.mass, "kg"),
         "amplification": axis.amplifications(),
-        "ziegler_nichols_on_eq_31": _gains(found.retold) | {"stable": found.retold_margins.stable},
+        "ziegler_nichols_on_eq_31": _gains(found.recomputed) | {"stable": found.recomputed_margins.stable},
         "lowest_natural_frequency": _value(frequency_bound(axis), "Hz"),
         "largest_damping_ratio": damping_bound(axis),
         "longest_stable_delay": _value(found.limit.delay, "s"),
@@ -48,8 +48,8 @@ def _axis_result(found: Findings) -> dict[str, Any]:
         "experiments": [
             {
                 "plant": one.label,
-                "ultimate_gain": {"experiment": one.found.gain, "analytic": one.exact.gain},
-                "ultimate_period": {"experiment": one.found.period, "analytic": one.exact.period, "unit": "s"},
+                "ultimate_gain": {"experiment": one.measured.gain, "analytic": one.exact.gain},
+                "ultimate_period": {"experiment": one.measured.period, "analytic": one.exact.period, "unit": "s"},
             }
             for one in found.experiments
         ],

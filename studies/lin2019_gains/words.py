@@ -8,7 +8,7 @@ from flexdesign.core.units import significant, to_text
 from studies.lin2019_gains.findings import Candidate, Findings, Step
 
 
-def named(found: Findings, candidate: Candidate) -> str:
+def axis_and_plant(found: Findings, candidate: Candidate) -> str:
     """Return axis and plant."""
     return f"{found.axis.name}, {candidate.label}"
 

@@ -29,7 +29,7 @@ PROFILES = {
 
 
 @dataclass(frozen=True)
-class Solved:
+class LeverSolution:
     """One lever.
 
     Parameters
@@ -56,7 +56,7 @@ def lever(profile: str, folder: Path) -> Path:
     return path
 
 
-def solve(profile: str, folder: Path, *overrides: str) -> Solved:
+def solve(profile: str, folder: Path, *overrides: str) -> LeverSolution:
     """Solve one lever to an estimated accuracy of 1 %, by default."""
     study = studies.read(str(lever(profile, folder)), ['mesh.accuracy="1 %"', *overrides])
     part = study.design.part()
@@ -68,7 +68,7 @@ def solve(profile: str, folder: Path, *overrides: str) -> Solved:
     )
     seconds = perf_counter() - began
     model = ComplianceModel.of_part(part, study.design.material).having(nominal_effects(part))
-    return Solved(
+    return LeverSolution(
         by_key(mesh_refinement.gather_quantities(study, levels, method.scatter)),
         model.quantities(),
         levels[-1].solution.facts["unknowns"],

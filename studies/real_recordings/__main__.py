@@ -70,7 +70,7 @@ def row(title: str, found: Diagnosis, seconds: float) -> tuple[str, ...]:
     return title, found.verdict, named, *errors_before, with_effects, rest, f"{seconds:.0f} s"
 
 
-def diagnosed(recording: Recording, folder: Path) -> Diagnosis:
+def diagnose_recording(recording: Recording, folder: Path) -> Diagnosis:
     """Return the diagnosis of a recording."""
     with TemporaryDirectory() as scratch:
         path = folder / "model.toml"
@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{folder} is not there; left out", file=sys.stderr)
             continue
         began = process_time()
-        found = diagnosed(recording, folder)
+        found = diagnose_recording(recording, folder)
         rows.append(row(recording.title, found, process_time() - began))
         print("  ".join(rows[-1]), flush=True)
         write(rows, given.out)  # an interruption loses nothing

@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     out = trial.folder_of(given.out, seed)
-    wanted = settings.all_of(chosen, settings.numbers(given.cases))
+    wanted = settings.variations(chosen, settings.numbers(given.cases))
     ended = settings.run(wanted, out, given.jobs, trial.settings().seconds, seed, _say)
     for line in report.write(ended, chosen, out, seed):
         print(line)

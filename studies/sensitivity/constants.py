@@ -162,7 +162,7 @@ def chosen(only: str | None) -> list[Constant]:
 
 
 @contextmanager
-def changed(constant: Constant, value: float) -> Iterator[None]:
+def override_constant(constant: Constant, value: float) -> Iterator[None]:
     """Give a constant another value in all modules that hold it, and its own afterwards."""
     before = constant.value()
     try:
@@ -188,7 +188,7 @@ def holders(module: str, name: str) -> list[tuple[ModuleType, str]]:
     found, number = [(first, name)], getattr(first, name)
     for holder, known_as in found:  # grows: a module may import it from one that imported it
         for each in loaded:
-            for source, original, own in _imported(each):
+            for source, original, own in _imports_of(each):
                 is_it = (source, original) == (holder.__name__, known_as) and getattr(each, own, None) is number
                 if is_it and (each, own) not in found:
                     found.append((each, own))
@@ -208,7 +208,7 @@ def _tree(module: ModuleType) -> ast.Module:
 
 
 @cache
-def _imported(module: ModuleType) -> tuple[tuple[str, str, str], ...]:
+def _imports_of(module: ModuleType) -> tuple[tuple[str, str, str], ...]:
     """Return what a module imports by name as it is imported: from which module, its name there and here."""
     found = []
     for node in _at_import(_tree(module)):

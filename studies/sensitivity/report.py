@@ -9,10 +9,10 @@ from typing import Any
 
 from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
-from studies.hidden_effect_trial.report import of_seed
+from studies.hidden_effect_trial.report import seed_note
 from studies.hidden_effect_trial.scoring import median
 from studies.sensitivity.constants import Constant
-from studies.sensitivity.settings import FACTORS, Ended
+from studies.sensitivity.settings import FACTORS, VariationOutcome
 
 HEADS = (
     "constant",
@@ -32,15 +32,15 @@ HEADS = (
 NONE = "–"
 
 
-def write(ended: Sequence[Ended], constants: Sequence[Constant], out: Path, seed: int) -> list[str]:
+def write(outcomes: Sequence[VariationOutcome], constants: Sequence[Constant], out: Path, seed: int) -> list[str]:
     """Write the report into a folder; return its table, a line for each constant."""
-    rows = [row(constant, ended) for constant in constants]
-    cases = len(_of(ended, "", 1.0))
-    changes = changed_verdicts(ended)
+    rows = [row(constant, outcomes) for constant in constants]
+    cases = len(_of(outcomes, "", 1.0))
+    changes = changed_verdicts(outcomes)
     summary = [
-        of_seed(seed),
+        seed_note(seed),
         f"{cases} cases, each diagnosed with one constant at half or at twice its value, and with all as they are. "
-        f"{len(changes)} of {sum(bool(each.key) for each in ended)} diagnoses with a changed constant have another "
+        f"{len(changes)} of {sum(bool(each.key) for each in outcomes)} diagnoses with a changed constant have another "
         "verdict: right instead of wrong, or wrong instead of right, or other false names.",
         "With so few cases one more or less is chance; a constant matters where it changes several.",
     ]
@@ -52,16 +52,16 @@ def write(ended: Sequence[Ended], constants: Sequence[Constant], out: Path, seed
     result: dict[str, Any] = {
         "seed": seed,
         "constants": [dict(zip(("constant", "value", "decides"), each[:3], strict=True)) for each in rows],
-        "diagnoses": [asdict(each) for each in ended],
+        "diagnoses": [asdict(each) for each in outcomes],
     }
     render.write(out, Document("Sensitivity to decision constants", summary, sections), result, {})
     return ["  ".join([each[0], *each[3:]]) for each in rows]
 
 
-def row(constant: Constant, ended: Sequence[Ended]) -> list[str]:
+def row(constant: Constant, outcomes: Sequence[VariationOutcome]) -> list[str]:
     """Return the row of a constant."""
     half, twice = FACTORS
-    groups = [_of(ended, constant.key, half), _of(ended, "", 1.0), _of(ended, constant.key, twice)]
+    groups = [_of(outcomes, constant.key, half), _of(outcomes, "", 1.0), _of(outcomes, constant.key, twice)]
     right = [f"{sum(each.right for each in group)} of {len(group)}" if group else NONE for group in groups]
     names = [str(sum(each.false_names for each in group)) if group else NONE for group in groups]
     times = [f"{median(e.seconds for e in group if e.seconds):.1f}" if group else NONE for group in groups]
@@ -69,23 +69,23 @@ def row(constant: Constant, ended: Sequence[Ended]) -> list[str]:
     return [constant.key, " / ".join(f"{value:.3g}" for value in values), constant.decides, *right, *names, *times]
 
 
-def changed_verdicts(ended: Sequence[Ended]) -> list[list[str]]:
+def changed_verdicts(outcomes: Sequence[VariationOutcome]) -> list[list[str]]:
     """Return a row for every diagnosis that is right or wrong otherwise than as it is, or names other false effects."""
-    as_is = {each.number: each for each in _of(ended, "", 1.0)}
+    as_is = {each.number: each for each in _of(outcomes, "", 1.0)}
     return [
-        [each.key, f"{each.value:.3g}", str(each.number), _judged(as_is[each.number]), _judged(each)]
-        for each in ended
+        [each.key, f"{each.value:.3g}", str(each.number), _verdict_text(as_is[each.number]), _verdict_text(each)]
+        for each in outcomes
         if each.key and each.number in as_is and _verdict(each) != _verdict(as_is[each.number])
     ]
 
 
-def _of(ended: Sequence[Ended], key: str, factor: float) -> list[Ended]:
-    return [each for each in ended if (each.key, each.factor) == (key, factor)]
+def _of(outcomes: Sequence[VariationOutcome], key: str, factor: float) -> list[VariationOutcome]:
+    return [each for each in outcomes if (each.key, each.factor) == (key, factor)]
 
 
-def _verdict(ended: Ended) -> tuple[bool, int]:
-    return ended.right, ended.false_names
+def _verdict(outcome: VariationOutcome) -> tuple[bool, int]:
+    return outcome.right, outcome.false_names
 
 
-def _judged(ended: Ended) -> str:
-    return f"{'right' if ended.right else 'wrong'}: {ended.said}"
+def _verdict_text(outcome: VariationOutcome) -> str:
+    return f"{'right' if outcome.right else 'wrong'}: {outcome.said}"

@@ -15,11 +15,11 @@ from flexdesign.core import subprocess_call
 from studies.hidden_effect_trial import cases, trial
 from studies.hidden_effect_trial.effects import CATALOGUE, OUTSIDE
 from studies.hidden_effect_trial.folder import Answer
-from studies.hidden_effect_trial.scoring import Diagnosed, invented, is_right
-from studies.sensitivity.constants import CONSTANTS, Constant, changed
+from studies.hidden_effect_trial.scoring import Diagnosed, false_effects, is_right
+from studies.sensitivity.constants import CONSTANTS, Constant, override_constant
 
-#: What came of it, a line of JSON for each case and setting.
-ENDED = "settings.jsonl"
+#: What came of it, a line of JSON for each case and variation.
+OUTCOMES = "settings.jsonl"
 #: Half a value and twice.
 FACTORS = (0.5, 2.0)
 #: How many of twelve cases miss nothing, one effect, and one that no catalogue holds.
@@ -31,7 +31,7 @@ OUTSIDES = ("quadratic_sensor", "telegraph_jump", "contact_spring", "backlash")
 
 
 @dataclass(frozen=True)
-class Setting:
+class Variation:
     """A case to be diagnosed with one constant at a factor of its value; with an empty key as it is."""
 
     key: str
@@ -40,8 +40,8 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Ended:
-    """What came of a setting.
+class VariationOutcome:
+    """What came of a variation.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class Ended:
     source: str
 
     @property
-    def setting(self) -> Setting:
-        """Which setting it is."""
-        return Setting(self.key, self.factor, self.number)
+    def variation(self) -> Variation:
+        """Which variation it is."""
+        return Variation(self.key, self.factor, self.number)
 
 
 def numbers(count: int) -> list[int]:
@@ -96,33 +96,42 @@ def numbers(count: int) -> list[int]:
     ]
 
 
-def all_of(constants: Sequence[Constant], sample: Sequence[int]) -> list[Setting]:
-    """Return all settings, first all cases with every constant as it is; values that stay as they are are left out."""
-    settings = [Setting("", 1.0, number) for number in sample]
+def variations(constants: Sequence[Constant], sample: Sequence[int]) -> list[Variation]:
+    """Return all variations, first all cases with unchanged constants; values that no factor changes are left out."""
+    found = [Variation("", 1.0, number) for number in sample]
     for each in constants:
         for factor in (factor for factor in FACTORS if each.value(factor) != each.value()):
-            settings += [Setting(each.key, factor, number) for number in sample]
-    return settings
+            found += [Variation(each.key, factor, number) for number in sample]
+    return found
 
 
-def one(setting: Setting, out: Path, seconds: float, seed: int) -> Ended:
-    """Diagnose a case under a setting."""
-    if not setting.key:
-        return _ended(setting, 1.0, trial.one(setting.number, out, seconds, seed))
-    (constant,) = (each for each in CONSTANTS if each.key == setting.key)
-    value = constant.value(setting.factor)
-    with changed(constant, value):
-        return _ended(setting, value, trial.one(setting.number, out, seconds, seed))
+def run_variation(variation: Variation, out: Path, seconds: float, seed: int) -> VariationOutcome:
+    """Diagnose a case with a changed constant."""
+    if not variation.key:
+        return _outcome_of(variation, 1.0, trial.run_case(variation.number, out, seconds, seed))
+    (constant,) = (each for each in CONSTANTS if each.key == variation.key)
+    value = constant.value(variation.factor)
+    with override_constant(constant, value):
+        return _outcome_of(variation, value, trial.run_case(variation.number, out, seconds, seed))
 
 
-def _ended(setting: Setting, value: float, outcome: trial.Outcome) -> Ended:
+def _outcome_of(variation: Variation, value: float, outcome: trial.Outcome) -> VariationOutcome:
     answer, found = outcome.answer, outcome.found
     right = found is not None and is_right(answer, found)
     names = 0 if found is None else false_names(answer, found)
     seconds = 0.0 if found is None else found.seconds
-    said = trial.described(outcome)
-    return Ended(
-        setting.key, setting.factor, value, setting.number, answer.kind, right, names, said, seconds, outcome.source
+    said = trial.outcome_text(outcome)
+    return VariationOutcome(
+        variation.key,
+        variation.factor,
+        value,
+        variation.number,
+        answer.kind,
+        right,
+        names,
+        said,
+        seconds,
+        outcome.source,
     )
 
 
@@ -130,43 +139,43 @@ def false_names(answer: Answer, found: Diagnosed) -> int:
     """Return how many effects are named that are not there; a right name for what no catalogue holds is none."""
     if answer.kind == "outside":
         return 0 if is_right(answer, found) else len(found.named)
-    return len(invented(answer, found))
+    return len(false_effects(answer, found))
 
 
-def keep(ended: Ended, out: Path) -> None:
-    """Add what came of a setting to the file; what a killed process leaves of a line is passed over."""
+def append_outcome(outcome: VariationOutcome, out: Path) -> None:
+    """Add what came of a variation to the file; what a killed process leaves of a line is passed over."""
     out.mkdir(parents=True, exist_ok=True)
-    with (out / ENDED).open("ab+") as file:
+    with (out / OUTCOMES).open("ab+") as file:
         file.seek(-1 if file.tell() else 0, os.SEEK_END)
         torn = file.read(1) not in (b"", b"\n")
-        file.write(b"\n" * torn + json.dumps(asdict(ended)).encode() + b"\n")
+        file.write(b"\n" * torn + json.dumps(asdict(outcome)).encode() + b"\n")
 
 
-def kept(out: Path, source: str) -> dict[Setting, Ended]:
-    """Return what came of settings before, with this package and these values of the constants."""
+def read_outcomes(out: Path, source: str) -> dict[Variation, VariationOutcome]:
+    """Return what came of variations before, with this package and these values of the constants."""
     try:
-        lines = (out / ENDED).read_text(encoding="utf-8").splitlines()
+        lines = (out / OUTCOMES).read_text(encoding="utf-8").splitlines()
     except OSError:
         return {}
-    found = dict[Setting, Ended]()
+    found = dict[Variation, VariationOutcome]()
     for line in lines:
         try:
-            ended = Ended(**json.loads(line))
+            outcome = VariationOutcome(**json.loads(line))
         except (ValueError, TypeError):
             continue
-        if ended.source == source:
-            found[ended.setting] = ended
+        if outcome.source == source:
+            found[outcome.variation] = outcome
     return found
 
 
 def run(
-    settings: Sequence[Setting], out: Path, jobs: int, seconds: float, seed: int, say: Callable[[str], None]
-) -> list[Ended]:
-    """Diagnose cases under settings in processes, all but those that are done.
+    asked: Sequence[Variation], out: Path, jobs: int, seconds: float, seed: int, say: Callable[[str], None]
+) -> list[VariationOutcome]:
+    """Diagnose cases with changed constants in processes, all but those that are done.
 
     Parameters
     ----------
-    settings
+    asked
         What is asked for.
     out
         Folder of what comes of it.
@@ -179,22 +188,25 @@ def run(
     say
         Receives every step, and the time left.
     """
-    known = kept(out, trial.source())
-    left = [each for each in settings if each not in known]
-    say(f"seed {seed}: {len(settings) - len(left)} of {len(settings)} diagnoses are done already")
+    known = read_outcomes(out, trial.source())
+    left = [each for each in asked if each not in known]
+    say(f"seed {seed}: {len(asked) - len(left)} of {len(asked)} diagnoses are done already")
     for number in dict.fromkeys(each.number for each in left):  # before several processes ask for it
-        trial.drawn(number, out, seed)
+        trial.make_case(number, out, seed)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"
     began = time.perf_counter()
     with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent) as pool:
-        waiting = [pool.submit(one, each, out, seconds, seed) for each in left]
+        waiting = [pool.submit(run_variation, each, out, seconds, seed) for each in left]
         for count, future in enumerate(as_completed(waiting), start=1):
-            ended = future.result()
-            keep(ended, out)
-            known[ended.setting] = ended
+            outcome = future.result()
+            append_outcome(outcome, out)
+            known[outcome.variation] = outcome
             rest = (time.perf_counter() - began) / count * (len(left) - count) / 60.0
-            at = f"{ended.key} = {ended.value:.3g}" if ended.key else "as it is"
-            verdict = "right" if ended.right else "WRONG"
-            say(f"{count:4d}/{len(left)}  {at}, {ended.number}: {verdict}: {ended.said}  [about {rest:.0f} min left]")
-    return [known[each] for each in settings]
+            at = f"{outcome.key} = {outcome.value:.3g}" if outcome.key else "as it is"
+            verdict = "right" if outcome.right else "WRONG"
+            say(
+                f"{count:4d}/{len(left)}  {at}, {outcome.number}: {verdict}: {outcome.said}  "
+                f"[about {rest:.0f} min left]"
+            )
+    return [known[each] for each in asked]

@@ -13,15 +13,15 @@ from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from studies.static_trial.cases import KINDS, Case, case, references
 
 #: Share of right answers that is asked for.
-ASKED = 0.9
+REQUIRED = 0.9
 
 
-def answered(given: Case) -> TableDiagnosis:
+def diagnose_case(given: Case) -> TableDiagnosis:
     """Return the diagnosis of a case."""
     return diagnose.diagnose(static_model.of_design(given.design), given.table)
 
 
-def said(found: TableDiagnosis) -> str:
+def answer_text(found: TableDiagnosis) -> str:
     """Return the answer in a word or two."""
     return " + ".join(found.found.names) if found.verdict == "effects-found" else found.verdict
 
@@ -46,14 +46,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"{'hidden':24}{'right':>8}{'in a group':>12}   answers")
     for kind in given.kinds or KINDS:
         cases = [made for n in references() if (made := case(n, kind, given.noise / 100)) is not None]
-        found = [answered(each) for each in cases]
+        found = [diagnose_case(each) for each in cases]
         good = sum(is_right(each, answer) for each, answer in zip(cases, found, strict=True))
         grouped = sum(bool(answer.groups) for answer in found)
-        answers = ", ".join(f"{what} {times}" for what, times in Counter(map(said, found)).most_common())
+        answers = ", ".join(f"{what} {times}" for what, times in Counter(map(answer_text, found)).most_common())
         print(f"{kind:24}{good:4}/{len(cases):<3}{grouped:12}   {answers}", flush=True)
         right, count = right + good, count + len(cases)
     print(f"{right} of {count} answers are right: {100 * right / count:.1f} %")
-    return 0 if right >= ASKED * count else 1
+    return 0 if right >= REQUIRED * count else 1
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flexdesign.analytic.static_model import Row, StaticTable
 from flexdesign.core import units
 from flexdesign.design.design import Actuator, Design
-from studies.error_bars.designs import Drawn, designs
+from studies.error_bars.designs import SampledDesign, designs
 
 Array = NDArray[np.float64]
 #: Stiffness of the stack in the tables [N/m].
@@ -80,16 +80,16 @@ def case(number: int, kind: str, noise: float = 0.01) -> Case | None:
         if not drawn.dimensions["rod_length"]:
             return None
         changed["rod_length"] *= 0.75
-    table = _measured(np.array([c11, c12, c22]) / scale, springs, noise, rng)
+    table = _measure(np.array([c11, c12, c22]) / scale, springs, noise, rng)
     return Case(number, kind, replace(design, dimensions=changed), table)
 
 
-def _with_stack(drawn: Drawn) -> Design:
+def _with_stack(drawn: SampledDesign) -> Design:
     design = drawn.study(0.01, "auto").design
     return replace(design, actuator=Actuator(free_stroke="40 um", stiffness=f"{STACK / 1e6:g} N/um"))
 
 
-def _measured(compliance: Array, springs: Mapping[str, float], noise: float, rng: np.random.Generator) -> StaticTable:
+def _measure(compliance: Array, springs: Mapping[str, float], noise: float, rng: np.random.Generator) -> StaticTable:
     """Return what is measured of a compliance (input, between, output) with springs at its ports."""
     c11, c12, c22 = compliance + np.array([0.0, 0.0, springs.get("base", 0.0)])
     load = springs.get("load", 0.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexdesign.diagnosis import Diagnosis, diagnose
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.measurements.recordings import AXES, read_runs
-from studies.steering_mirror.modes import filtered
+from studies.steering_mirror.modes import apply_response
 from studies.steering_mirror.recordings import JUDGING, LEVELS, Decoupled, Recordings, decouple, linear, name_of, write
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ class Findings:
         The linear response and its modes.
     diagnoses
         By modal axis.
-    left
+    residuals
         Root mean square of the residual over that of the output, by stand and level: one number per channel, on the
         validation realisation.
     own
@@ -40,7 +40,7 @@ class Findings:
 
     decoupled: Decoupled
     diagnoses: Mapping[str, Diagnosis]
-    left: Mapping[str, Mapping[int, Array]]
+    residuals: Mapping[str, Mapping[int, Array]]
     own: Mapping[str, Mapping[str, Mapping[int, float]]]
 
 
@@ -65,12 +65,12 @@ def together(recordings: Recordings, decoupled: Decoupled, diagnoses: Mapping[st
         scale = np.concatenate(y).T
         for fit, levels in zip(LINEAR, (LEVELS, (level,)), strict=True):
             response = linear(recordings, levels)
-            predicted = np.concatenate([filtered(response, period) for period in u]).T
+            predicted = np.concatenate([apply_response(response, period) for period in u]).T
             left[fit][level] = share(scale - predicted, scale)
         for fit in MODAL:
             modal = np.stack([remainder(diagnoses[axis], fit, level) for axis in AXES])
             left[fit][level] = share(decoupled.modes.outputs(modal), scale[:, : modal.shape[1]])
-    return Findings(decoupled, diagnoses, left, {fit: _own(diagnoses, fit) for fit in MODAL})
+    return Findings(decoupled, diagnoses, left, {fit: _own_residuals(diagnoses, fit) for fit in MODAL})
 
 
 def remainder(found: Diagnosis, fit: str, level: int) -> Array:
@@ -83,7 +83,7 @@ def share(left: Array, of: Array) -> Array:
     return np.asarray(np.sqrt(np.nanmean(left**2, axis=-1)) / np.nanstd(of, axis=-1))
 
 
-def _own(diagnoses: Mapping[str, Diagnosis], fit: str) -> dict[str, dict[int, float]]:
+def _own_residuals(diagnoses: Mapping[str, Diagnosis], fit: str) -> dict[str, dict[int, float]]:
     own: dict[str, dict[int, float]] = {}
     for axis, found in diagnoses.items():
         measured = {run.name: run.measured() for run in found.runs}

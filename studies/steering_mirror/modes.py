@@ -96,7 +96,7 @@ def frequency_response(u: Array, y: Array, lines: int) -> Complex:
     return response
 
 
-def filtered(response: Complex, u: Array) -> Array:
+def apply_response(response: Complex, u: Array) -> Array:
     """Return what a linear response makes of one period [m], samples x outputs from samples x inputs.
 
     Lines beyond those of the response stay empty.
@@ -129,12 +129,12 @@ def fit(frequency: Array, response: Complex, starts: Sequence[float]) -> Modes:
         held = np.hstack([_resonances(lines, np.exp(x[:n]), np.exp(x[n:-1]), UNIT * x[-1]), outside])
         return np.concatenate([held.real, held.imag])
 
-    def left(x: Array) -> Array:
+    def residual(x: Array) -> Array:
         held = columns(x)
         return np.asarray(wanted - held @ np.linalg.lstsq(held, wanted, rcond=None)[0]).ravel()
 
     start = np.concatenate([np.log(starts), np.full(n, np.log(DAMPING)), [DELAY / UNIT]])
-    x = least_squares(left, start, x_scale="jac").x
+    x = least_squares(residual, start, x_scale="jac").x
     scale = np.sqrt(np.mean(np.abs(seen) ** 2))
     residues = scale * np.linalg.lstsq(columns(x), wanted, rcond=None)[0][:n].reshape(n, *response.shape[1:])
     shapes, sizes, drives = np.linalg.svd(residues)

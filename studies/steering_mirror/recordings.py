@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.recordings import AXES, DESCRIPTION, write_run
-from studies.steering_mirror.modes import Complex, Modes, filtered, fit, frequency_response
+from studies.steering_mirror.modes import Complex, Modes, apply_response, fit, frequency_response
 
 Array = NDArray[np.float64]
 #: Sampling rate [Hz], levels [mV], and excited lines from the first on: up to 2999.2 Hz.
@@ -23,7 +23,7 @@ SHAPE = (8192, 3, 3, 2)
 TEACHING, SHOWN, JUDGING = (0, 1), 0, 2
 #: Samples that a run keeps, so that a diagnosis takes minutes: half a period, ten times what a mode needs to ring down,
 #: is for fits; judging runs keep one, at the lowest level both, whose difference is the noise.
-KEPT = {"identify": SHAPE[0] // 2, "validate": SHAPE[0]}
+KEPT_SAMPLES = {"identify": SHAPE[0] // 2, "validate": SHAPE[0]}
 #: The band in which the three strongest modes stand by themselves, and about where they are [Hz].
 BAND, STARTS = (700.0, 1150.0), (813.0, 924.0, 1003.0)
 
@@ -69,7 +69,7 @@ class Decoupled:
         """Return modal inputs [V] and coordinates [m] of whole periods, modes x samples, one period after the other."""
         remainder, periods = self.remainder(), range(u.shape[2])
         inputs = [self.modes.inputs(u[:, :, p].T) for p in periods]
-        coordinates = [self.modes.coordinates((y[:, :, p] - filtered(remainder, u[:, :, p])).T) for p in periods]
+        coordinates = [self.modes.coordinates((y[:, :, p] - apply_response(remainder, u[:, :, p])).T) for p in periods]
         return np.concatenate(inputs, axis=1), np.concatenate(coordinates, axis=1)
 
 
@@ -138,7 +138,7 @@ def write(recordings: Recordings, decoupled: Decoupled, folder: Path) -> tuple[P
     lines = ['title = "Fine steering mirror, modal axes"', 'command_is = "dac"', 'between_samples = "smooth"']
     for level, realisation, role in runs():
         name = name_of(level, realisation)
-        kept = None if role == "validate" and level == LEVELS[0] else KEPT[role]
+        kept = None if role == "validate" and level == LEVELS[0] else KEPT_SAMPLES[role]
         u, y = (each[:, :kept] for each in decoupled.modal(*recordings.record(level, realisation)))
         columns = {f"u{axis} [V]": u[m] for m, axis in enumerate(AXES)}
         columns |= {f"{axis} [um]": y[m] for m, axis in enumerate(AXES)}

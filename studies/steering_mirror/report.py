@@ -20,7 +20,7 @@ from studies.steering_mirror.recordings import BAND, JUDGING, LEVELS, SHOWN, TEA
 #: doi:10.5281/zenodo.19591136).
 PUBLISHED = {"published, linear": (18.61, 6.61, 16.28), "published, nonlinear": (6.37, 4.84, 4.19)}
 #: How the tables call the stands.
-CALLED = {
+TITLES = {
     "linear": "one linear response",
     "linear per level": "one for each level",
     "calibrated": "modes as calibrated",
@@ -46,7 +46,7 @@ def of(findings: Findings) -> dict[str, Any]:
             "unit": "1",
             **{
                 fit: {f"{level} mV": [float(value) for value in left] for level, left in by_level.items()}
-                for fit, by_level in findings.left.items()
+                for fit, by_level in findings.residuals.items()
             },
         },
         "published": {
@@ -97,7 +97,7 @@ def _outputs(findings: Findings) -> Section:
     for fit, left in _lefts(findings):
         for level in LEVELS:
             cells = _cells(left[level])
-            rows.append([CALLED[fit], f"{level} mV", *cells, f"{100 * np.mean(left[level]):.1f}"])
+            rows.append([TITLES[fit], f"{level} mV", *cells, f"{100 * np.mean(left[level]):.1f}"])
     for name, values in PUBLISHED.items():
         rows += [[name, level, "–", "–", "–", f"{value:.1f}"] for level, value in zip(_levels(), values, strict=True)]
     text = [
@@ -152,7 +152,7 @@ def _verdicts(findings: Findings) -> Section:
 
 
 def _lefts(findings: Findings) -> list[tuple[str, Any]]:
-    return [(fit, findings.left[fit]) for fit in LINEAR + MODAL]
+    return [(fit, findings.residuals[fit]) for fit in LINEAR + MODAL]
 
 
 def _names(found: Diagnosis) -> str:

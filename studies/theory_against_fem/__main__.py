@@ -26,7 +26,7 @@ from flexdesign.report.validation.hierarchy_section import SYMBOLS
 from flexdesign.workflows.validation import model_hierarchy
 from flexdesign.workflows.validation.model_hierarchy import ModelHierarchy
 from studies.error_bars import trial
-from studies.error_bars.designs import SEED, Drawn, designs
+from studies.error_bars.designs import SEED, SampledDesign, designs
 
 OUT = Path("reports/theory_against_fem")
 COUNT = 200
@@ -36,23 +36,23 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Compared:
+class Comparison:
     """One design by theory and by FEM: its ladder, and the relative estimate of FEM's own error by quantity."""
 
-    drawn: Drawn
+    sample: SampledDesign
     ladder: ModelHierarchy
     estimates: Mapping[str, float]
 
 
-def compared(drawn: Drawn, work: Path, store: Cache) -> Compared:
+def compare_design(sample: SampledDesign, work: Path, store: Cache) -> Comparison:
     """Solve a design by finite elements, or take the kept solution, and climb its ladder."""
-    answer = trial.answered(drawn, "extruded", work, store, lambda _: None)
+    answer = trial.solve_design(sample, "extruded", work, store, lambda _: None)
     if answer.error:
-        raise InputError("design", str(drawn.number), None, answer.error)
+        raise InputError("design", str(sample.number), None, answer.error)
     fem = {key: _quantity(key, value) for key, value in answer.values.items()}
-    climbed = model_hierarchy.model_hierarchy(drawn.study(trial.ACCURACY, "extruded").design, fem)
+    climbed = model_hierarchy.model_hierarchy(sample.study(trial.ACCURACY, "extruded").design, fem)
     assert climbed is not None
-    return Compared(drawn, climbed, {key: e / abs(answer.values[key]) for key, e in answer.estimates.items()})
+    return Comparison(sample, climbed, {key: e / abs(answer.values[key]) for key, e in answer.estimates.items()})
 
 
 def _quantity(key: str, value: float) -> Quantity:
@@ -60,12 +60,12 @@ def _quantity(key: str, value: float) -> Quantity:
     return Quantity(name, value, "", "", key.removeprefix(f"{name}_").replace("_", " "))
 
 
-def distances(found: Sequence[Compared], rung: int) -> Array:
+def distances(found: Sequence[Comparison], rung: int) -> Array:
     """Return the distances from FEM of all designs on a rung: designs by quantities."""
     return np.array([[abs(each.ladder.rungs[rung].errors[key]) for key in SYMBOLS] for each in found])
 
 
-def document(found: Sequence[Compared]) -> Document:
+def document(found: Sequence[Comparison]) -> Document:
     """Write the report."""
     bare, full = distances(found, 0), distances(found, -1)
     rows = [_row(label, values) for label, values in (("pseudo-rigid", bare), ("all that is drawn", full))]
@@ -84,14 +84,14 @@ def document(found: Sequence[Compared]) -> Document:
         ),
         Section(
             "The worst case",
-            [f"Design {worst.drawn.number}: {worst.drawn.words()}, {worst.drawn.material}."],
-            [Table(["model", *SYMBOLS.values()], steps, "Model over FEM, less one"), _dimensions(worst.drawn)],
+            [f"Design {worst.sample.number}: {worst.sample.text()}, {worst.sample.material}."],
+            [Table(["model", *SYMBOLS.values()], steps, "Model over FEM, less one"), _dimensions(worst.sample)],
         ),
     ]
     return Document("How near is theory to finite elements?", summary(found), sections)
 
 
-def summary(found: Sequence[Compared]) -> list[str]:
+def summary(found: Sequence[Comparison]) -> list[str]:
     """Return the answer in a sentence or two."""
     bare, full = distances(found, 0), distances(found, -1)
     verdict = "within" if holds(found) else "NOT within"
@@ -103,21 +103,21 @@ def summary(found: Sequence[Compared]) -> list[str]:
     ]
 
 
-def holds(found: Sequence[Compared]) -> bool:
+def holds(found: Sequence[Comparison]) -> bool:
     """Tell whether the model is as near as is asked."""
     full = distances(found, -1)
     return bool(np.median(full, axis=0).max() <= MEDIAN and full.max() <= WORST)
 
 
-def result(found: Sequence[Compared]) -> dict[str, Any]:
+def result(found: Sequence[Comparison]) -> dict[str, Any]:
     """Return the numbers as result.json has them."""
     return {
         **header("theory against FEM"),
         "designs": [
             {
-                "design": each.drawn.number,
-                "material": each.drawn.material,
-                "dimensions": {name: f"{value:g} mm" for name, value in each.drawn.dimensions.items()},
+                "design": each.sample.number,
+                "material": each.sample.material,
+                "dimensions": {name: f"{value:g} mm" for name, value in each.sample.dimensions.items()},
                 "pseudo_rigid": dict(each.ladder.rungs[0].errors),
                 "compliance": dict(each.ladder.rungs[-1].errors),
                 "fem_estimate": dict(each.estimates),
@@ -138,14 +138,14 @@ def _spans(values: Array) -> str:
     return ", ".join(units.significant(100 * value, 2) for value in values) + " %"
 
 
-def _estimates(found: Sequence[Compared]) -> str:
+def _estimates(found: Sequence[Comparison]) -> str:
     values = [each.estimates[key] for each in found for key in SYMBOLS]
     return (
         f"FEM's own estimates: {100 * float(np.median(values)):.2g} % in the median, at most {100 * max(values):.2g} %."
     )
 
 
-def _picture(found: Sequence[Compared]) -> Figure:
+def _picture(found: Sequence[Comparison]) -> Figure:
     figure, axes = charts.drawing(6.4, 3.6)
     share = (np.arange(len(found)) + 0.5) / len(found)
     for index, symbol in enumerate(SYMBOLS.values()):
@@ -161,8 +161,8 @@ def _picture(found: Sequence[Compared]) -> Figure:
     return Figure("distances.svg", charts.svg(figure), "How many designs are nearer to FEM than that")
 
 
-def _dimensions(drawn: Drawn) -> Table:
-    return Table(["dimension", "value"], [[name, f"{value:g} mm"] for name, value in drawn.dimensions.items()])
+def _dimensions(sample: SampledDesign) -> Table:
+    return Table(["dimension", "value"], [[name, f"{value:g} mm"] for name, value in sample.dimensions.items()])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -179,8 +179,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         store = Cache(default_folder())
         work = given.work or store.folder / "error_bars"
         found, began = [], perf_counter()
-        for count, drawn in enumerate(designs(SEED, given.designs), 1):
-            found.append(compared(drawn, work, store))
+        for count, sample in enumerate(designs(SEED, given.designs), 1):
+            found.append(compare_design(sample, work, store))
             left = (perf_counter() - began) / count * (given.designs - count) / 60
             errors = ", ".join(f"{100 * error:+.2f}" for error in found[-1].ladder.rungs[-1].errors.values())
             print(f"{count:3d}/{given.designs}  {errors} %  [{left:.0f} min left]", file=sys.stderr, flush=True)

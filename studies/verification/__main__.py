@@ -31,7 +31,7 @@ PROBLEMS: Mapping[str, tuple[Problem, ...]] = {
 }
 
 
-def solved(problem: Problem) -> list[Finding]:
+def solve(problem: Problem) -> list[Finding]:
     """Solve a problem and note the time."""
     began = perf_counter()
     findings = problem()
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for group, problems in PROBLEMS.items():
             groups[group] = []
             for problem in problems:
-                groups[group] += (found := solved(problem))
+                groups[group] += (found := solve(problem))
                 print(f"{found[0].problem}: {found[0].seconds:.1f} s", file=sys.stderr)
         render.write(given.out, report.document(groups), report.of(groups), {})
     except InputError as error:

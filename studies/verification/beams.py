@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from flexdesign.design.materials import Material
 from studies.verification.elements import compliance
-from studies.verification.finding import Finding, around
+from studies.verification.finding import Finding, range_around
 from studies.verification.solids import CORK, METAL, Array, beam
 
 #: Height and width of the section [m], and the length over which ends are felt.
@@ -36,26 +36,27 @@ def cantilevers(cells: int = 6) -> list[Finding]:
 
 
 def _without_contraction(cells: int) -> list[Finding]:
-    matrix, unknowns = _solved(CORK, cells, HEIGHTS)
+    matrix, unknowns = _solve(CORK, cells, HEIGHTS)
     turn, bending, shear = _timoshenko(CORK)
     problem, source = "cantilever, nu = 0", "Timoshenko, kappa = 5/6 (Cowper, 1966)"
     force = bending + shear
     return [
         Finding(
             problem, "turn under a moment", "analytic", "M L / E I", turn, float(matrix[5, 5]), "rad/(N m)",
-            *around(turn, EXACT), unknowns, "the clamp disturbs nothing: rounding",
+            *range_around(turn, EXACT), unknowns, "the clamp disturbs nothing: rounding",
         ),
         Finding(
             problem, "deflection under a force", "analytic", source, force, float(matrix[1, 1]), "m/N",
-            *around(force, shear / force * DECAY / LENGTH), unknowns, "warping held at the clamp, loaded at the tip",
+            *range_around(force, shear / force * DECAY / LENGTH), unknowns,
+            "warping held at the clamp, loaded at the tip",
         ),
     ]  # fmt: skip
 
 
 def _with_contraction(cells: int) -> list[Finding]:
     """Measure in pure bending by how much the clamp shortens the beam, and with that foretell the deflection."""
-    matrix, unknowns = _solved(METAL, cells, HEIGHTS)
-    longer, _ = _solved(METAL, cells, HEIGHTS + PIECE)
+    matrix, unknowns = _solve(METAL, cells, HEIGHTS)
+    longer, _ = _solve(METAL, cells, HEIGHTS + PIECE)
     turn, bending, shear = _timoshenko(METAL)
     piece = turn * PIECE / HEIGHTS
     gained = float(longer[5, 5] - matrix[5, 5])
@@ -70,7 +71,7 @@ def _with_contraction(cells: int) -> list[Finding]:
     return [
         Finding(
             problem, "turn under a moment of a piece far from the clamp", "analytic", "M L / E I", piece, gained,
-            "rad/(N m)", *around(piece, EXACT), unknowns, "two lengths, so that the clamp drops out: rounding",
+            "rad/(N m)", *range_around(piece, EXACT), unknowns, "two lengths, so that the clamp drops out: rounding",
         ),
         Finding(
             problem, "turn under a moment", "bound", "M L / E I", turn, float(matrix[5, 5]), "rad/(N m)",
@@ -82,13 +83,13 @@ def _with_contraction(cells: int) -> list[Finding]:
         ),
         Finding(
             problem, "the same, the clamp accounted for", "analytic", source + ", L shortened as in pure bending",
-            foretold, float(matrix[1, 1]), "m/N", *around(foretold, shear / foretold * DECAY / LENGTH), unknowns,
+            foretold, float(matrix[1, 1]), "m/N", *range_around(foretold, shear / foretold * DECAY / LENGTH), unknowns,
             "warping held at the clamp, loaded at the tip",
         ),
     ]  # fmt: skip
 
 
-def _solved(material: Material, cells: int, heights: int) -> tuple[Array, int]:
+def _solve(material: Material, cells: int, heights: int) -> tuple[Array, int]:
     return compliance(beam(heights * SIDE, SIDE, SIDE, (heights * (cells - 1), cells, cells), material))
 
 

@@ -15,7 +15,7 @@ from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.fem.solving.solver import factorize, times
 from studies.verification import loads
 from studies.verification.finding import Finding
-from studies.verification.solids import METAL, Array, Bent, Solid, at, lattice, tagged
+from studies.verification.solids import METAL, Array, Bent, Solid, at, lattice, tag_facets
 
 #: Sums of thousands of terms, and solutions of systems with a condition number of some thousands.
 ROUNDING, SOLVED = 1e-12, 1e-10
@@ -24,7 +24,7 @@ ROUNDING, SOLVED = 1e-12, 1e-10
 def irregular() -> Elasticity:
     """Return a box of elements of which no two are alike."""
     x, y, z = (np.linspace(0, size, n) for size, n in ((4e-3, 5), (3e-3, 5), (2e-3, 4)))
-    return Elasticity(tagged(*lattice(x, y, z, wobble=1.5e-4), {})[0], METAL)
+    return Elasticity(tag_facets(*lattice(x, y, z, wobble=1.5e-4), {})[0], METAL)
 
 
 def patch_test() -> list[Finding]:

@@ -59,10 +59,10 @@ class Finding:
         return self.found / self.reference - 1 if self.reference else None
 
 
-def around(reference: float, relative: float) -> tuple[float, float]:
+def range_around(reference: float, relative: float) -> tuple[float, float]:
     """Return the range of a reference give or take a share of it.
 
-    >>> around(-2.0, 0.5)
+    >>> range_around(-2.0, 0.5)
     (-3.0, -1.0)
     """
     return reference - relative * abs(reference), reference + relative * abs(reference)

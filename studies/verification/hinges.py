@@ -28,8 +28,8 @@ from flexdesign.fem.meshing.methods import EXTRUDED_GRADING, Extruded, Grading
 from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.elasticity import Elasticity
 from studies.verification import loads
-from studies.verification.finding import Finding, around
-from studies.verification.solids import Array, Bent, graded, lattice
+from studies.verification.finding import Finding, range_around
+from studies.verification.solids import Array, Bent, graded_intervals, lattice
 
 #: Where the notched bar is.
 PARTS = Path(__file__).parent
@@ -88,8 +88,10 @@ def circular(cells: tuple[int, int, int, int], material: Material) -> Bent:
         return np.column_stack([x + (1 - up) * lean, up * y, z])
 
     around_, along, up, layers = cells
-    x = np.concatenate([graded(0.0, 1.0, around_, 6.0 ** (1 / around_)), graded(1.0, 2.0, along, 1.3)[1:]])
-    return Bent.of(lattice(x, graded(0.0, 1.0, up), _half_width(layers)), shape, material)
+    x = np.concatenate(
+        [graded_intervals(0.0, 1.0, around_, 6.0 ** (1 / around_)), graded_intervals(1.0, 2.0, along, 1.3)[1:]]
+    )
+    return Bent.of(lattice(x, graded_intervals(0.0, 1.0, up), _half_width(layers)), shape, material)
 
 
 def leaf(length: float, cells: tuple[int, int, int], material: Material, finest: float = 60.0) -> Bent:
@@ -108,15 +110,19 @@ def leaf(length: float, cells: tuple[int, int, int], material: Material, finest:
     """
     many, thin, layers = cells
     grow, middle, edge = finest ** (1 / many), length / 2, THICKNESS / 2
-    x = np.concatenate([graded(0.0, middle, many, 1 / grow), graded(middle, middle + BLOCK, many, grow)[1:]])
-    y = np.concatenate([graded(0.0, edge, thin, 4.0 ** (-1 / thin)), graded(edge, HALF, many, grow)[1:]])
+    x = np.concatenate(
+        [graded_intervals(0.0, middle, many, 1 / grow), graded_intervals(middle, middle + BLOCK, many, grow)[1:]]
+    )
+    y = np.concatenate(
+        [graded_intervals(0.0, edge, thin, 4.0 ** (-1 / thin)), graded_intervals(edge, HALF, many, grow)[1:]]
+    )
     cut = lattice(x, y, _half_width(layers), lambda c: (c[:, 0] > middle) | (c[:, 1] < edge))
     return Bent.of(cut, lambda place: place, material)
 
 
 def _half_width(layers: int) -> Array:
     """Layers over half the width, finest at the free side."""
-    return graded(0.0, WIDTH / 2, layers, 4.0 ** (-1 / layers))
+    return graded_intervals(0.0, WIDTH / 2, layers, 4.0 ** (-1 / layers))
 
 
 def turn(bent: Bent, end: float, *, flat: bool) -> float:
@@ -161,7 +167,7 @@ def circular_hinge(
     return [
         Finding(
             problem, "stiffness in plane stress", "independent code", "plane-stress finite elements",
-            5923.2, 1e3 * thin, "N mm/rad", *around(5923.2, 2e-3), slice_.body.n_dofs,
+            5923.2, 1e3 * thin, "N mm/rad", *range_around(5923.2, 2e-3), slice_.body.n_dofs,
             "chords on the notch 0.1 %; blocks, which are taken off as beams, 0.1 %",
         ),
         *(
@@ -197,7 +203,7 @@ def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Findi
     return [
         Finding(
             problem, "stiffness", "independent code", "structured mesh", 1e3 * structured, 1e3 * limit.value,
-            "N mm/rad", *around(1e3 * structured, 3e-3), unknowns,
+            "N mm/rad", *range_around(1e3 * structured, 3e-3), unknowns,
             "chords on the structured notch make it 0.1 % too stiff, its elements 0.1 %; the error bar 0.1 %",
         ),
         Finding(
@@ -247,7 +253,7 @@ def leaf_hinge(flat: tuple[int, int, int] = (14, 3, 1), solid: tuple[int, int, i
     return [
         Finding(
             problem, "turn per length in plane stress", "analytic", "1 / E I, from two lengths", 1 / THIN,
-            (turns[1] - turns[0]) / (long - short), "rad/(N m^2)", *around(1 / THIN, 2e-4), unknowns,
+            (turns[1] - turns[0]) / (long - short), "rad/(N m^2)", *range_around(1 / THIN, 2e-4), unknowns,
             "roots drop out but for what elements miss of them",
         ),
         Finding(

@@ -10,8 +10,8 @@ from flexdesign.design.part import Port, SymmetryPlane
 from flexdesign.fem.meshing.mesh import mirrored
 from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.load_path import Equilibrium, load_path
-from studies.verification.finding import Finding, around
-from studies.verification.solids import CORK, Array, Solid, at, beam, held_at_ground, lattice, welded
+from studies.verification.finding import Finding, range_around
+from studies.verification.solids import CORK, Array, Solid, at, beam, hold_ground, lattice, weld_points
 
 
 def elastica(alpha: float) -> tuple[float, float]:
@@ -51,14 +51,14 @@ def bent_cantilever(cells: int = 60, alpha: float = 2.0) -> list[Finding]:
     body = solid.body
     load = port_compliance.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
     force = alpha * CORK.youngs_modulus * side**4 / 12 / length**2
-    *_, end = load_path(held_at_ground(solid), load, [force * k / 4 for k in (1, 2, 3, 4)])
+    *_, end = load_path(hold_ground(solid), load, [force * k / 4 for k in (1, 2, 3, 4)])
     tip = end.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], length)].mean(axis=0) / length
     source = "Bisshopp and Drucker (1945), elliptic integrals"
     along, across = elastica(alpha)
     return [
         Finding(
             "elastica, P L^2 / E I = 2", f"motion of the tip {name} the beam over its length", "analytic", source,
-            right, float(found), "1", *around(right, 5e-4), body.n_dofs,
+            right, float(found), "1", *range_around(right, 5e-4), body.n_dofs,
             "shear and the elements, 1e-4 each at most; the shortening goes with the square",
         )
         for name, right, found in (("along", along, tip[0]), ("across", across, tip[1]))
@@ -80,7 +80,7 @@ def parallelogram() -> Solid:
         Port("ground", "ground", (0.0, 0.0, WIDTH / 2), (-1.0, 0.0, 0.0)),
     )
     patches = {"output": at("x", LEAF + TABLE), "ground": at("x", 0.0)}
-    return Solid.of(welded(points, tets), patches, ends, (), CORK)
+    return Solid.of(weld_points(points, tets), patches, ends, (), CORK)
 
 
 def parasitic_motion(shifts: tuple[float, ...] = (1e-3, 2e-3)) -> list[Finding]:
@@ -101,7 +101,7 @@ def parasitic_motion(shifts: tuple[float, ...] = (1e-3, 2e-3)) -> list[Finding]:
         shift = displacement.reshape(-1, 3)[table].mean(axis=0)
         return float(-shift[0] * LEAF / shift[1] ** 2)
 
-    model = held_at_ground(solid)
+    model = hold_ground(solid)
     path: list[Equilibrium] = list(load_path(model, load, [stiffness * shift for shift in shifts]))
     system = statics.class_system(
         body, solid.domain, port_compliance.classes(solid.domain)[0], body.stiffness(), [solid.domain.ports["ground"]]
@@ -113,7 +113,7 @@ def parasitic_motion(shifts: tuple[float, ...] = (1e-3, 2e-3)) -> list[Finding]:
     rows = [
         Finding(
             problem, f"shortening times L over the square of {1e3 * shift:g} mm", "analytic", source, 0.6,
-            coefficient(point.displacement), "1", *around(0.6, 0.01), body.n_dofs,
+            coefficient(point.displacement), "1", *range_around(0.6, 0.01), body.n_dofs,
             "stretch of the leaves and higher orders of the shift",
         )
         for shift, point in zip(shifts, path, strict=True)

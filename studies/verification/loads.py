@@ -52,7 +52,7 @@ def body_force(body: Elasticity, density: Field) -> FloatArray:
     forces = np.einsum(
         "e,q,qa,eqi->eai", volumes, weights, shape_functions(barycentric), density(places), optimize=True
     )
-    return _gathered(body, body.nodes, forces)
+    return _gather(body, body.nodes, forces)
 
 
 def traction(body: Elasticity, facets: IntArray, stress: Field) -> FloatArray:
@@ -96,9 +96,9 @@ def _on_facets(
     places = np.einsum("qk,kfi->fqi", barycentric, np.stack([a, b, c]))
     values = stress(places, across / doubled[:, None])
     forces = np.einsum("f,q,qa,fqi->fai", doubled / 2, weights, shape_functions(barycentric), values, optimize=True)
-    return _gathered(body, nodes, forces)
+    return _gather(body, nodes, forces)
 
 
-def _gathered(body: Elasticity, nodes: IntArray, forces: FloatArray) -> FloatArray:
+def _gather(body: Elasticity, nodes: IntArray, forces: FloatArray) -> FloatArray:
     dofs = 3 * nodes[:, :, None] + np.arange(3)
     return np.asarray(np.bincount(dofs.ravel(), weights=forces.ravel(), minlength=body.n_dofs), dtype=float)

@@ -16,8 +16,8 @@ from flexdesign.fem.solving import modes, port_compliance
 from flexdesign.fem.solving.solver import factorize
 from flexdesign.fem.solving.statics import ClassSystem
 from studies.verification import loads
-from studies.verification.finding import Finding, around
-from studies.verification.solids import Array, Bent, at, graded, lattice
+from studies.verification.finding import Finding, range_around
+from studies.verification.solids import Array, Bent, at, graded_intervals, lattice
 
 STEEL = Material("steel of LE1 and LE10", 210e9, 0.3, 7800.0, None)
 
@@ -35,7 +35,10 @@ def quarter_ellipse(cells: tuple[int, int], height: Array) -> Bent:
         return np.column_stack([*(inner + across * (outer - inner)), z])
 
     radial, around_ = cells
-    across, angle = graded(0.0, 1.0, radial, 12 ** (1 / radial)), graded(0.0, 1.0, around_, 10 ** (1 / around_))
+    across, angle = (
+        graded_intervals(0.0, 1.0, radial, 12 ** (1 / radial)),
+        graded_intervals(0.0, 1.0, around_, 10 ** (1 / around_)),
+    )
     return Bent.of(lattice(across, angle, height), shape, STEEL)
 
 
@@ -55,7 +58,7 @@ def elliptic_membrane(cells: tuple[int, int] = (32, 48)) -> list[Finding]:
     return [
         Finding(
             "NAFEMS LE1, elliptic membrane", "sigma_yy at D", "benchmark", "The Standard NAFEMS Benchmarks, LE1",
-            92.7, found, "MPa", *around(92.7, 5e-3), bent.body.n_dofs,
+            92.7, found, "MPa", *range_around(92.7, 5e-3), bent.body.n_dofs,
             "chords make up the hole, and D is one of their corners",
         )
     ]  # fmt: skip
@@ -66,8 +69,8 @@ def thick_plate(cells: tuple[int, int] = (16, 24), layers: int = 8) -> list[Find
 
     The outer rim is held in the plane, and at half height also vertically. Layers are finest at the upper face.
     """
-    lower = graded(-0.3, 0.0, layers // 2)
-    upper = graded(0.0, 0.3, layers - layers // 2, 0.25 ** (1 / (layers - layers // 2)))
+    lower = graded_intervals(-0.3, 0.0, layers // 2)
+    upper = graded_intervals(0.0, 0.3, layers - layers // 2, 0.25 ** (1 / (layers - layers // 2)))
     bent = quarter_ellipse(cells, np.concatenate([lower, upper[1:]]))
     rim = bent.side("x", 1.0)
     line = np.intersect1d(rim, bent.side("z", 0.0))
@@ -77,7 +80,7 @@ def thick_plate(cells: tuple[int, int] = (16, 24), layers: int = 8) -> list[Find
     return [
         Finding(
             "NAFEMS LE10, thick plate", "sigma_yy at D", "benchmark", "The Standard NAFEMS Benchmarks, LE10",
-            -5.38, found, "MPa", *around(-5.38, 0.02), bent.body.n_dofs,
+            -5.38, found, "MPa", *range_around(-5.38, 0.02), bent.body.n_dofs,
             "chords as in LE1; the line that holds the rim yields more, the finer the mesh",
         )
     ]  # fmt: skip
@@ -107,7 +110,8 @@ def tapered_membrane(along: int = 32, across: int = 16) -> list[Finding]:
         Finding(
             "NAFEMS FV32, tapered membrane", f"frequency of mode {number}", "benchmark",
             "Selected Benchmarks for Natural Frequency Analysis, FV32",
-            right, frequency, "Hz", *around(right, 1e-3), bent.body.n_dofs, "the corners of the clamp are singular",
+            right, frequency, "Hz", *range_around(right, 1e-3), bent.body.n_dofs,
+            "the corners of the clamp are singular",
         )
         for number, (right, frequency) in enumerate(zip(TAPERED, found, strict=True), start=1)
     ]  # fmt: skip

@@ -80,7 +80,7 @@ def _section(title: str, findings: Sequence[Finding]) -> Section:
             _number(finding.reference, finding.unit),
             _number(finding.found, finding.unit),
             "–" if finding.difference is None else f"{100 * finding.difference:+.2g} %",
-            allowed(finding) if finding.holds else f"{allowed(finding)}: outside",
+            range_text(finding) if finding.holds else f"{range_text(finding)}: outside",
         ]
         for finding in findings
     ]
@@ -90,7 +90,7 @@ def _section(title: str, findings: Sequence[Finding]) -> Section:
     return Section(title, [TEXTS[title]], [Table(HEAD, rows), Table(heads, list(reasons), caption)])
 
 
-def allowed(finding: Finding) -> str:
+def range_text(finding: Finding) -> str:
     """Return the range in percent of the reference, or as numbers where the reference is zero."""
     if not finding.reference:
         return f"to {finding.high:.2g}"

@@ -59,7 +59,7 @@ def lattice(
     return points, tets
 
 
-def tagged(points: Array, tets: Array, patches: Mapping[str, Where]) -> tuple[TaggedMesh, dict[str, int]]:
+def tag_facets(points: Array, tets: Array, patches: Mapping[str, Where]) -> tuple[TaggedMesh, dict[str, int]]:
     """Tag the boundary facets by the first patch that holds their middle; the rest gets the last number."""
     facets = boundary(tets)
     middle = points[facets].mean(axis=1)
@@ -101,7 +101,7 @@ class Solid:
     ) -> Solid:
         """Tag a lattice: `patches` finds the ports by name; cut planes are found where coordinates vanish."""
         cuts = {f"cut {plane.axis}": at(plane.axis, 0.0) for plane in planes}
-        mesh, index = tagged(*cells, {**cuts, **patches})
+        mesh, index = tag_facets(*cells, {**cuts, **patches})
         domain = Domain(
             faces=(),
             planes=tuple(planes),
@@ -115,7 +115,7 @@ class Solid:
     def whole(self, patches: Mapping[str, Where]) -> Solid:
         """Return the whole body: mirrored, welded, and tagged anew by where facets are."""
         points, tets, _ = mirrored(self.mesh.points, self.mesh.tets, self.domain.planes, {})
-        return Solid.of(welded(points, tets), patches, self.ports, (), self.material)
+        return Solid.of(weld_points(points, tets), patches, self.ports, (), self.material)
 
     @property
     def body(self) -> Elasticity:
@@ -123,7 +123,7 @@ class Solid:
         return Elasticity(self.mesh, self.material)
 
 
-def welded(points: Array, tets: Array, within: float = 1e-10) -> tuple[Array, Array]:
+def weld_points(points: Array, tets: Array, within: float = 1e-10) -> tuple[Array, Array]:
     """Join points that coincide."""
     _, first, inverse = np.unique(np.round(points / within), axis=0, return_index=True, return_inverse=True)
     return points[first], inverse.reshape(-1)[tets]
@@ -149,7 +149,7 @@ def beam(
     return Solid.of(cut, {"output": at("x", length), "ground": at("x", 0.0)}, ends, material=material)
 
 
-def held_at_ground(solid: Solid) -> LargeDisplacement:
+def hold_ground(solid: Solid) -> LargeDisplacement:
     """Return the body for large displacements, its ground held."""
     whole = port_compliance.classes(solid.domain)[0]
     body = solid.body
@@ -174,7 +174,7 @@ class Bent:
         `shape` returns points for places, (n, 3) each, and must not turn cells inside out; `patches` finds the ports by
         name, in the lattice.
         """
-        mesh, index = tagged(*cells, patches or {})
+        mesh, index = tag_facets(*cells, patches or {})
         return cls(mesh, shape, material, index)
 
     @cached_property
@@ -217,7 +217,7 @@ class Bent:
         return moved.reshape(-1, 3)
 
 
-def graded(first: float, last: float, count: int, growth: float = 1.0) -> Array:
+def graded_intervals(first: float, last: float, count: int, growth: float = 1.0) -> Array:
     """Return `count` intervals from `first` to `last`, each `growth` times as long as the one before."""
     steps = growth ** np.arange(count)
     return first + (last - first) * np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])

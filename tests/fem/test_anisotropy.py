@@ -18,7 +18,7 @@ from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.mesh import mirrored
 from flexdesign.fem.solving.elasticity import Elasticity, stress_points
 from flexdesign.fem.solving.solver import times
-from studies.verification.solids import METAL, Array, Solid, lattice, tagged, welded
+from studies.verification.solids import METAL, Array, Solid, lattice, tag_facets, weld_points
 from tests.fem.solids import RING_PATCHES, RING_PLANES, RING_PORTS, Bracket, full, relative, ring, solve
 
 LENGTH, SIDE = 4e-3, 1e-3
@@ -34,7 +34,7 @@ def silicon(orientation: object) -> Material:
 
 def bar(material: Material) -> Elasticity:
     axes = [np.linspace(0, LENGTH, 6), np.linspace(0, SIDE, 4), np.linspace(0, SIDE, 4)]
-    return Elasticity(tagged(*lattice(*axes, wobble=5e-5), {})[0], material)
+    return Elasticity(tag_facets(*lattice(*axes, wobble=5e-5), {})[0], material)
 
 
 def solved(body: Elasticity, held: Array, values: Array) -> Array:
@@ -179,7 +179,7 @@ def test_half_a_ring_of_turned_silicon_is_the_whole_ring() -> None:
     turned = silicon(TURNED)
     quarter = ring(turned)
     points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, RING_PLANES[:1], {})
-    half = Solid.of(welded(points, tets), RING_PATCHES, RING_PORTS, RING_PLANES[1:], turned)
+    half = Solid.of(weld_points(points, tets), RING_PATCHES, RING_PORTS, RING_PLANES[1:], turned)
     solved, whole = solve(half), solve(half.whole(RING_PATCHES))
     assert relative(solved.matrix, whole.matrix) < 1e-8
     motion = solved.matrix @ solved.space.extension

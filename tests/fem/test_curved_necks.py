@@ -23,8 +23,8 @@ from flexdesign.fem.meshing.sizing import Neck
 from studies.error_bars import lever
 from studies.error_bars.bridge import Fineness
 from studies.error_bars.designs import PARTS
-from studies.error_bars.hexahedra import Body, Plan, sheared
-from studies.verification.solids import lattice, tagged
+from studies.error_bars.hexahedra import Body, Plan, sheared_patch
+from studies.verification.solids import lattice, tag_facets
 from tests.fem.test_gate import EVERYWHERE, LEAF, NOTCH, knots, shaped
 
 T, R = NOTCH.thickness, NOTCH.curvature_radius
@@ -102,7 +102,7 @@ def shaped_across(member: Member, cells: int) -> Any:
     points, tets = lattice(x, np.linspace(-1, 1, cells + 1), np.linspace(-2e-3, 2e-3, 4))
     outline = np.array([member.thickness_at(min(abs(s), half)) for s in points[:, 0]])
     points[:, 1] *= outline / 2
-    return tagged(points, tets, {})[0]
+    return tag_facets(points, tets, {})[0]
 
 
 def test_nothing_is_asked_across_a_straight_leaf() -> None:
@@ -250,7 +250,7 @@ def test_section_forces_of_hexahedra_balance_the_load() -> None:
         fixed[nodes[:, 0] < 1e-9] = True
         return fixed
 
-    body = Body(Plan.of([sheared(x, y)]), np.linspace(0.0, 3e-3, 3), 70e9, 0.3, held)
+    body = Body(Plan.of([sheared_patch(x, y)]), np.linspace(0.0, 3e-3, 3), 70e9, 0.3, held)
     load = 5.0 * body.average(lambda x, y: x > 20e-3 - 1e-9, 0) - 2.0 * body.average(lambda x, y: x > 20e-3 - 1e-9, 1)
     moved = body.solve(load[:, None])[:, 0]
     body.release()

@@ -13,7 +13,7 @@ from skfem.models.elasticity import linear_elasticity
 from flexdesign.fem.meshing.mesh import TaggedMesh
 from flexdesign.fem.solving.elasticity import Elasticity, stress_points
 from flexdesign.fem.solving.solver import SuperLU, factorize, times
-from studies.verification.solids import METAL, Array, lattice, tagged
+from studies.verification.solids import METAL, Array, lattice, tag_facets
 from tests.fem.solids import full
 
 BOX = np.array([4e-3, 3e-3, 2e-3])
@@ -25,7 +25,7 @@ ROUNDING = 1e-12
 def irregular() -> Elasticity:
     """A box from one corner at the origin, all inner vertices displaced."""
     axes = [np.linspace(0, size, n) for size, n in zip(BOX, (5, 5, 4), strict=True)]
-    mesh, _ = tagged(*lattice(*axes, wobble=1.5e-4), {})
+    mesh, _ = tag_facets(*lattice(*axes, wobble=1.5e-4), {})
     return Elasticity(mesh, METAL)
 
 
@@ -65,7 +65,7 @@ def test_rigid_motions_store_no_energy(irregular: Elasticity) -> None:
 
 def test_there_is_no_other_mechanism() -> None:
     axis = np.linspace(0, 1e-3, 2)
-    body = Elasticity(tagged(*lattice(axis, axis, axis), {})[0], METAL)
+    body = Elasticity(tag_facets(*lattice(axis, axis, axis), {})[0], METAL)
     eigenvalues = np.linalg.eigvalsh(full(body.stiffness()).toarray())
     assert np.all(np.abs(eigenvalues[:6]) < ROUNDING * eigenvalues[-1])
     assert eigenvalues[6] > 1e-3 * eigenvalues[-1]

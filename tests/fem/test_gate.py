@@ -13,7 +13,7 @@ from flexdesign.design.part import SymmetryPlane
 from flexdesign.fem.meshing import resolution_gate
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
-from studies.verification.solids import Array, lattice, tagged
+from studies.verification.solids import Array, lattice, tag_facets
 
 LENGTH, THICKNESS, WIDTH, ARM = 3e-3, 0.5e-3, 4e-3, 3e-3
 EVERYWHERE = Domain((), (), {}, (), 0.0, "")
@@ -27,7 +27,7 @@ def leaf(along: int = 8) -> TaggedMesh:
     y = np.array([-ARM / 2, -THICKNESS / 2, 0.0, THICKNESS / 2, ARM / 2])
     z = np.linspace(-WIDTH / 2, WIDTH / 2, 5)
     cells = lattice(x, y, z, lambda c: (np.abs(c[:, 0]) > LENGTH / 2) | (np.abs(c[:, 1]) < THICKNESS / 2))
-    return tagged(*cells, {})[0]
+    return tag_facets(*cells, {})[0]
 
 
 def moved(mesh: TaggedMesh, points: Array) -> TaggedMesh:
@@ -40,7 +40,7 @@ def turned(points: Array, angle: float) -> Array:
 
 
 def without(mesh: TaggedMesh, gone: Array) -> TaggedMesh:
-    return tagged(mesh.points, mesh.tets[~gone], {})[0]
+    return tag_facets(mesh.points, mesh.tets[~gone], {})[0]
 
 
 def on_top(mesh: TaggedMesh) -> Array:
@@ -117,7 +117,7 @@ def test_of_two_hinges_the_bad_one_is_named() -> None:
     good, bad = leaf(), leaf()
     points = bad.points + np.array([0.0, 10e-3, 0.0])
     points[on_top(bad), 1] += 0.01 * THICKNESS
-    both = tagged(np.vstack([good.points, points]), np.vstack([good.tets, bad.tets + len(good.points)]), {})[0]
+    both = tag_facets(np.vstack([good.points, points]), np.vstack([good.tets, bad.tets + len(good.points)]), {})[0]
     second = dataclasses.replace(LEAF, name="hinge_2", start=(-LENGTH / 2, 10e-3, 0.0), end=(LENGTH / 2, 10e-3, 0.0))
     with pytest.raises(MeshError, match=r"^hinge_2 is off its 0\.5 mm by 1 %"):
         resolution_gate.check(both, EVERYWHERE, [LEAF, second])
@@ -137,7 +137,7 @@ def test_a_leaf_close_by_is_not_taken_for_the_leaf() -> None:
     second = dataclasses.replace(
         LEAF, start=(-LENGTH / 2, 4 / 3 * THICKNESS, 0), end=(LENGTH / 2, 4 / 3 * THICKNESS, 0)
     )
-    for found in resolution_gate.check(tagged(*lattice(x, y, z, inside), {})[0], EVERYWHERE, [LEAF, second]):
+    for found in resolution_gate.check(tag_facets(*lattice(x, y, z, inside), {})[0], EVERYWHERE, [LEAF, second]):
         assert found.deviation < ROUNDING
 
 
@@ -178,7 +178,7 @@ def shaped(member: Member, count: int, wave: float = 0.0) -> TaggedMesh:
     points, tets = lattice(x, y, z)
     outline = np.array([member.thickness_at(min(abs(s), half)) for s in points[:, 0]])
     points[:, 1] *= (outline + wave * member.thickness) / 2
-    return tagged(points, tets, {})[0]
+    return tag_facets(points, tets, {})[0]
 
 
 FILLETED = dataclasses.replace(LEAF, name="filleted", root_radius=0.3e-3)

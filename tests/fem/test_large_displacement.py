@@ -16,7 +16,7 @@ from flexdesign.fem.solving.large_displacement import LargeDisplacement
 from flexdesign.fem.solving.load_path import load_path, stroke_path
 from studies.verification import large
 from studies.verification.finding import failures
-from studies.verification.solids import CORK, METAL, beam, held_at_ground
+from studies.verification.solids import CORK, METAL, beam, hold_ground
 from tests.fem import solids
 
 Array = np.ndarray[Any, Any]
@@ -25,7 +25,7 @@ Array = np.ndarray[Any, Any]
 @pytest.fixture(scope="module")
 def block() -> tuple[Elasticity, LargeDisplacement]:
     solid = beam(10e-3, 2e-3, 1e-3, (4, 2, 2), METAL, wobble=1e-4)
-    model = held_at_ground(solid)
+    model = hold_ground(solid)
     return model.body, model
 
 
@@ -112,12 +112,12 @@ def test_a_block_bears_no_more_than_its_material() -> None:
     body = solid.body
     load = -port_compliance.port_space(body, solid.domain, solid.ports).loads["output"][:, [0]]
     strength = CORK.youngs_modulus * 4e-6
-    (found,) = load_path(held_at_ground(solid), load, [0.15 * strength])
+    (found,) = load_path(hold_ground(solid), load, [0.15 * strength])
     tip = found.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], 0.5e-3), 0]
     stretch = brentq(lambda s: 0.5 * s * (1 - s**2) - 0.15, 0.6, 1.0)
     assert tip == pytest.approx((stretch - 1) * 0.5e-3, rel=1e-6)
     with pytest.raises(ArithmeticError, match=r"no equilibrium beyond .* times the load: it buckles there"):
-        list(load_path(held_at_ground(solid), load, [0.2 * strength]))
+        list(load_path(hold_ground(solid), load, [0.2 * strength]))
 
 
 # --- parts ----------------------------------------------------------------------------------------------------------

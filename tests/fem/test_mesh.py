@@ -17,7 +17,7 @@ from flexdesign.fem.meshing import domain, mesh, sizing
 from flexdesign.fem.meshing.domain import Domain, Face
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.solving.elasticity import EDGES, Elasticity
-from studies.verification.solids import METAL, Array, lattice, tagged, welded
+from studies.verification.solids import METAL, Array, lattice, tag_facets, weld_points
 from tests.fem.solids import Bracket, misplaced
 
 #: Coordinates of a few centimetres in double precision, sums of thousands of them.
@@ -285,7 +285,7 @@ def box(n: int = 3) -> tuple[Domain, TaggedMesh]:
             normal = np.eye(3)[k] * (1 if value else -1)
             faces.append(Face(points, np.array([[0, 1, 2], [0, 2, 3]]), normal, float(normal @ points[0])))
     patches = {f"{k}{v}": (lambda x, k=k, v=v: np.abs(x[:, k] - v) < 1e-9) for k in range(3) for v in (0, 1)}
-    tets, _ = tagged(*lattice(axis, axis, axis), patches)
+    tets, _ = tag_facets(*lattice(axis, axis, axis), patches)
     return Domain(tuple(faces), (), {}, (), 1.0, ""), tets
 
 
@@ -414,7 +414,7 @@ def test_mirrored_is_the_whole_with_fields_reflected() -> None:
     np.testing.assert_allclose(fields["T"], points[:, 0] ** 2 + points[:, 1], atol=1e-15)
     low, high = points.min(axis=0), points.max(axis=0)
     np.testing.assert_array_equal([low, high], [[-1, 0, -1], [1, 1, 1]])
-    joined, _ = welded(points, whole)
+    joined, _ = weld_points(points, whole)
     assert len(joined) == 5 * 3 * 5  # 3 x 3 x 3 points in an eighth
 
 

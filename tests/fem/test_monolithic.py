@@ -12,7 +12,7 @@ from flexdesign.fem.meshing.mesh import signed_volumes
 from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.fem.superelements.superelement import Superelement
 from studies.benchmarks import monolithic
-from studies.benchmarks.monolithic import MonolithicStage, WholePart, box_mesh, mirrored
+from studies.benchmarks.monolithic import MonolithicStage, WholePart, box_mesh, mirror_part
 from tests.fem.test_superelement import ALLOY, FRAME, TURNED, coarse, leaf, parallelogram
 
 
@@ -20,7 +20,7 @@ from tests.fem.test_superelement import ALLOY, FRAME, TURNED, coarse, leaf, para
 def hinge() -> tuple[Superelement, WholePart, Any]:
     """A leaf condensed, and its mesh whole."""
     found, body, mesh = coarse(leaf(), ALLOY, coarseness=2.5, degree=1, mode_count=0)
-    return found, mirrored(mesh, body), mesh
+    return found, mirror_part(mesh, body), mesh
 
 
 def test_eight_images_of_an_eighth_make_the_whole(hinge: tuple[Superelement, WholePart, Any]) -> None:
@@ -47,7 +47,7 @@ def test_a_box_is_filled_with_upright_tetrahedra() -> None:
 def test_a_place_is_found_in_its_element() -> None:
     body = Elasticity(box_mesh(Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), 0.4), ALLOY)
     places = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
-    elements, barycentric = monolithic._located(body, places)
+    elements, barycentric = monolithic._locate(body, places)
     assert np.einsum("qk,qki->qi", barycentric, body.mesh.points[body.mesh.tets[elements]]) == pytest.approx(places)
     assert barycentric.min() > -1e-12
 

@@ -10,7 +10,7 @@ from flexdesign.fem.meshing import domain, mesh, sizing
 from flexdesign.fem.meshing.mesh import mirrored
 from flexdesign.fem.solving import port_compliance
 from flexdesign.fem.solving.port_compliance import SymmetryClass, parity
-from studies.verification.solids import Array, Solid, at, beam, lattice, welded
+from studies.verification.solids import Array, Solid, at, beam, lattice, weld_points
 from tests.fem.solids import RING_PATCHES, RING_PLANES, RING_PORTS, Bracket, Solved, relative, ring, solve
 
 ROUNDING = 1e-12
@@ -215,7 +215,7 @@ def halves(plane: int) -> tuple[Solid, Solid]:
     both = RING_PLANES[1 - plane], RING_PLANES[plane]
     points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, both[:1], {})
     kept = {n: p for n, p in RING_PATCHES.items() if n != "input_left" or plane == 1}
-    half = Solid.of(welded(points, tets), kept, RING_PORTS, both[1:])
+    half = Solid.of(weld_points(points, tets), kept, RING_PORTS, both[1:])
     return half, half.whole(RING_PATCHES)
 
 
@@ -282,7 +282,9 @@ def test_pytetwild_quarter_of_a_cad_part_gives_every_entry_of_the_whole() -> Non
     quarter = Solid(mesh.tetrahedralize(quarter_domain, field, 5e-5), quarter_domain, part.ports())
     whole_domain = domain.of_part(part, symmetric=False, chord=1e-5)
     points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, quarter_domain.planes, {})
-    whole = Solid(mesh.tag(*welded(points, tets), whole_domain, whole_domain.surface()), whole_domain, part.ports())
+    whole = Solid(
+        mesh.tag(*weld_points(points, tets), whole_domain, whole_domain.surface()), whole_domain, part.ports()
+    )
     assert whole.mesh.volume == pytest.approx(whole_domain.volume, rel=ROUNDING)
     assert relative(solve(quarter).matrix, solve(whole).matrix) < SOLVES
 

@@ -13,7 +13,7 @@ from flexdesign.core.model import Member
 from flexdesign.fem.post_processing import stress
 from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.fem.solving.solver import factorize, times
-from studies.verification.solids import CORK, METAL, Array, beam, lattice, tagged
+from studies.verification.solids import CORK, METAL, Array, beam, lattice, tag_facets
 from tests.fem.solids import solve
 
 ROUNDING = 1e-12
@@ -87,7 +87,7 @@ def stretched(body: Elasticity, held: Array, values: Array) -> Array:
 def peak_at_a_corner(cells: int) -> float:
     """Return the peak in an L in plane strain, 270 degrees of solid about the origin, whose ends are bent apart."""
     axis = np.linspace(-1.0, 1.0, 2 * cells + 1)
-    mesh, _ = tagged(*lattice(axis, axis, np.array([0.0, 1 / cells]), lambda c: (c[:, 0] < 0) | (c[:, 1] > 0)), {})
+    mesh, _ = tag_facets(*lattice(axis, axis, np.array([0.0, 1 / cells]), lambda c: (c[:, 0] < 0) | (c[:, 1] > 0)), {})
     body = Elasticity(mesh, METAL)
     places, motion = body.positions, np.zeros_like(body.positions)
     foot, end = np.flatnonzero(places[:, 1] < -1 + 1e-9), np.flatnonzero(places[:, 0] > 1 - 1e-9)
@@ -133,7 +133,7 @@ def peak_at_a_hole(cells: int) -> float:
     points, tets = lattice(np.arange(cells + 1.0), np.arange(cells + 1.0), np.array([0.0, 1 / cells]))
     r, angle = radii[points[:, 0].astype(int)], turns[points[:, 1].astype(int)]
     bent = np.column_stack([r * np.cos(angle), r * np.sin(angle), points[:, 2]])
-    body = Elasticity(tagged(bent, tets, {})[0], METAL)
+    body = Elasticity(tag_facets(bent, tets, {})[0], METAL)
     places = body.positions
     outer = np.flatnonzero(np.hypot(places[:, 0], places[:, 1]) > 4.0 * math.cos(math.pi / 4 / cells) - 1e-9)
     exact = np.column_stack([kirsch(places[:, 0], places[:, 1], 1.0), np.zeros(len(places))])

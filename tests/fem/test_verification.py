@@ -17,7 +17,7 @@ import pytest
 from flexdesign.fem.solving import port_compliance
 from studies.verification import __main__ as command
 from studies.verification import beams, elements, finding, hinges, large, loads, nafems, report
-from studies.verification.finding import Finding, around, failures
+from studies.verification.finding import Finding, failures, range_around
 from studies.verification.solids import CORK, METAL, Array, Bent, beam, lattice
 
 #: Problems that take less than a second or two; elastica and parallelogram are tests of large displacements.
@@ -157,7 +157,9 @@ def test_linear_traction_is_the_moment_of_a_port() -> None:
 
 # --- the table ------------------------------------------------------------------------------------------------------
 
-ROW = Finding("bar", "length", "analytic", "a ruler", 2.0, 2.01, "m", *around(2.0, 0.01), unknowns=30, note="rounding")
+ROW = Finding(
+    "bar", "length", "analytic", "a ruler", 2.0, 2.01, "m", *range_around(2.0, 0.01), unknowns=30, note="rounding"
+)
 
 
 def test_a_number_outside_its_range_fails() -> None:
@@ -167,10 +169,10 @@ def test_a_number_outside_its_range_fails() -> None:
 
 
 def test_allowed_ranges_in_words() -> None:
-    assert report.allowed(ROW) == "± 1 %"
-    assert report.allowed(replace(ROW, low=1.9, high=2.0)) == "-5 to +0 %"
-    assert report.allowed(replace(ROW, reference=-2.0, found=-2.0, low=-2.0, high=-1.9)) == "-5 to +0 %"
-    assert report.allowed(replace(ROW, reference=0.0, found=0.0, low=0.0, high=1e-10)) == "to 1e-10"
+    assert report.range_text(ROW) == "± 1 %"
+    assert report.range_text(replace(ROW, low=1.9, high=2.0)) == "-5 to +0 %"
+    assert report.range_text(replace(ROW, reference=-2.0, found=-2.0, low=-2.0, high=-1.9)) == "-5 to +0 %"
+    assert report.range_text(replace(ROW, reference=0.0, found=0.0, low=0.0, high=1e-10)) == "to 1e-10"
 
 
 def test_the_command_writes_the_table(

@@ -12,7 +12,7 @@ import pytest
 from flexdesign.design import design
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Fineness, Reference
-from studies.error_bars.hexahedra import Array, Body, Plan, between, graded, sheared, with_middles
+from studies.error_bars.hexahedra import Array, Body, Plan, graded_lines, ruled_patch, sheared_patch, with_middles
 from tests.reference import hexahedra
 
 E, NU, RHO = 70e9, 0.33, 2800.0
@@ -39,7 +39,7 @@ def recorded() -> dict[str, Any]:
 
 
 def test_graded_lines_end_and_crowd_where_told() -> None:
-    lines = graded(1.0, 3.0, 0.01, 1.0, 0.8, 0.5)
+    lines = graded_lines(1.0, 3.0, 0.01, 1.0, 0.8, 0.5)
     steps = np.diff(lines)
     assert lines[0] == 1.0 and lines[-1] == 3.0
     assert steps[0] < 0.02 and steps.max() < 0.55 and np.all(np.diff(steps) > -1e-9)
@@ -50,8 +50,8 @@ def test_uniaxial_stretch_is_exact_on_sheared_graded_patches() -> None:
     bend, end, height, depth = 2e-2, 3e-2, 7e-3, 4.2e-3
     slopes = (0.3, -0.2)
     y = np.array([0.0, 2e-3, height])
-    left, right = graded(0.0, bend, 1e-3, 1e-5, 0.7, 5e-3), np.array([bend, 2.4e-2, end])
-    plan = Plan.of([sheared(left, y, slopes[0]), sheared(right, y + slopes[0] * bend, slopes[1])])
+    left, right = graded_lines(0.0, bend, 1e-3, 1e-5, 0.7, 5e-3), np.array([bend, 2.4e-2, end])
+    plan = Plan.of([sheared_patch(left, y, slopes[0]), sheared_patch(right, y + slopes[0] * bend, slopes[1])])
     assert plan.area() == pytest.approx(end * height, rel=1e-12)
 
     def fixed(nodes: Array, z: Array) -> Array:
@@ -83,8 +83,8 @@ def test_uniaxial_stretch_is_exact_on_sheared_graded_patches() -> None:
 def test_cantilever_follows_timoshenko(nu: float, sensible: float) -> None:
     """The clamp holds back lateral contraction, which the theory leaves out: it agrees best without any."""
     length, height, width = 40e-3, 2e-3, 3e-3
-    x = graded(0.0, length, 0.2e-3, 2e-3, 0.5, 2e-3)
-    plan = Plan.of([sheared(x, np.linspace(0.0, height, 4))])
+    x = graded_lines(0.0, length, 0.2e-3, 2e-3, 0.5, 2e-3)
+    plan = Plan.of([sheared_patch(x, np.linspace(0.0, height, 4))])
 
     def fixed(nodes: Array, z: Array) -> Array:
         held = np.zeros((len(nodes), 3, z.size), dtype=bool)
@@ -147,7 +147,7 @@ def test_curved_quadrilaterals_integrate_a_ring() -> None:
     """A quarter of a ring: its area, its inertia about the centre, and linear fields reproduced."""
     angle = with_middles(np.linspace(0.0, np.pi / 2, 9))
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    plan = Plan.of([between(circle, 2 * circle, np.linspace(0.0, 1.0, 4))])
+    plan = Plan.of([ruled_patch(circle, 2 * circle, np.linspace(0.0, 1.0, 4))])
     values, slopes, areas = plan.gradients()
     places = np.einsum("ga,mak->mgk", values, plan.nodes[plan.quads])
     side = np.pi / 16  # a parabola through three points of an arc of this angle lacks the share side^4 / 480 in area

@@ -35,11 +35,11 @@ class FilletedBridge(Straight):  # type: ignore[misc, valid-type]
         ]
         front = cq.Workplane("XY")
         for loop in self._loops():
-            front = _drawn(front, loop, roots, self.fillet_radius)
+            front = _draw_contour(front, loop, roots, self.fillet_radius)
         return front.extrude(1e3 * self.width / 2, both=True).solids().val()
 
 
-def _drawn(plane: Any, loop: list[Point], roots: list[Point], radius: float) -> Any:
+def _draw_contour(plane: Any, loop: list[Point], roots: list[Point], radius: float) -> Any:
     """Draw a closed contour, rounded at the roots."""
     pieces: list[list[Point]] = []
     for index, corner in enumerate(loop):
@@ -47,10 +47,10 @@ def _drawn(plane: Any, loop: list[Point], roots: list[Point], radius: float) -> 
             pieces.append([corner])
             continue
         before, after = (_towards(corner, loop[(index + step) % len(loop)]) for step in (-1, 1))
-        first, last = (_moved(corner, way, radius) for way in (before, after))
-        centre = _moved(first, after, radius)
+        first, last = (_shift(corner, way, radius) for way in (before, after))
+        centre = _shift(first, after, radius)
         across = (before[0] + after[0], before[1] + after[1])
-        middle = _moved(centre, across, -radius / math.sqrt(2))
+        middle = _shift(centre, across, -radius / math.sqrt(2))
         pieces.append([first, middle, last])
     at = pieces[0][0]
     plane = plane.moveTo(*_mm(at))
@@ -68,7 +68,7 @@ def _towards(start: Point, end: Point) -> Point:
     return (end[0] - start[0]) / length, (end[1] - start[1]) / length
 
 
-def _moved(point: Point, way: Point, distance: float) -> Point:
+def _shift(point: Point, way: Point, distance: float) -> Point:
     return point[0] + distance * way[0], point[1] + distance * way[1]
 
 
