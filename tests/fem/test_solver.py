@@ -64,6 +64,23 @@ def test_a_factor_is_renewed_where_entries_are_in_the_same_places() -> None:
     assert not SuperLU(upper).renew(upper)
 
 
+def test_an_order_found_on_nodes_makes_no_more_fill_than_one_found_on_unknowns() -> None:
+    """Three unknowns at each point of a grid that are all coupled to those of its neighbours."""
+    pytest.importorskip("pypardiso")
+    points = laplacian(60)
+    full = points + sp.triu(points, 1).T
+    upper = sp.csr_matrix(sp.triu(sp.kron(full, np.eye(3) + 0.1)))
+    nodes = solver.elimination_order(points)
+    assert nodes is not None and sorted(nodes) == list(range(3600))
+    order = (3 * nodes[:, None] + np.arange(3)).ravel()
+    found, given = Pardiso(upper), Pardiso(upper, order)
+    right = np.random.default_rng(2).standard_normal(3 * 3600)
+    assert given.solve(right) == pytest.approx(found.solve(right), rel=1e-8, abs=1e-10)
+    assert given._solver.iparm[17] < 1.1 * found._solver.iparm[17]
+    found.free()
+    given.free()
+
+
 def test_available_memory_is_no_more_than_there_is() -> None:
     found = solver.available_memory()
     assert found is None or 2**20 < found < 2**50

@@ -6,13 +6,14 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 #: Tells pypardiso where its library is, and where pip puts that: a search of its own, twice a third of a second, walks
 #: through all that is installed.
 LIBRARY, PLACES = "PYPARDISO_MKL_RT", ("lib/libmkl_rt.so*", "Library/bin/mkl_rt*.dll")
@@ -23,6 +24,8 @@ ORDER, FACTORIZE, SOLVE = 11, 22, 33
 #: PARDISO's settings by number, instead of its defaults: nested dissection; no iterative refinement, which makes three
 #: solves of one and leaves the residual of a Cholesky factor where it was; the entries of the factor are counted.
 SETTINGS = {1: 1, 2: 3, 8: 0, 18: -1}
+#: Number of PARDISO's setting for the order of elimination: 1 takes one, 2 returns the one found.
+PERMUTATION = 5
 #: Factors of solids grow with the number of unknowns to the power 4/3 (George 1973, Lipton, Rose and Tarjan 1979).
 GROWTH = 3 / 4
 #: What PARDISO answers where a pivot is zero or negative.
@@ -58,16 +61,13 @@ class Pardiso:
 
     name = "MKL PARDISO (symmetric positive definite)"
 
-    def __init__(self, upper: sp.csr_matrix) -> None:
-        if libraries := [str(path) for place in PLACES for path in Path(sys.prefix).glob(place)]:
-            os.environ.setdefault(LIBRARY, min(libraries, key=len))
-        from pypardiso import PyPardisoSolver
-
+    def __init__(self, upper: sp.csr_matrix, order: IntArray | None = None) -> None:
         self._matrix = upper
         self._matrix.sort_indices()
-        self._solver = PyPardisoSolver(mtype=2)
-        for place, value in SETTINGS.items():
-            self._solver.set_iparm(place, value)
+        self._solver = _pardiso()
+        if order is not None:
+            self._solver.set_iparm(PERMUTATION, 1)
+            self._solver.perm = (order + 1).astype(np.int32)
         self._factorize((ORDER, FACTORIZE))
 
     def _factorize(self, phases: Sequence[int]) -> None:
@@ -123,6 +123,44 @@ class Pardiso:
     def free(self) -> None:
         """Give the memory back."""
         self._solver.free_memory(everything=True)
+
+
+def _pardiso() -> Any:
+    """Return PARDISO for symmetric positive definite matrices with our settings; raise ImportError without it."""
+    if libraries := [str(path) for place in PLACES for path in Path(sys.prefix).glob(place)]:
+        os.environ.setdefault(LIBRARY, min(libraries, key=len))
+    from pypardiso import PyPardisoSolver
+
+    solver = PyPardisoSolver(mtype=2)
+    for place, value in SETTINGS.items():
+        solver.set_iparm(place, value)
+    return solver
+
+
+def elimination_order(graph: sp.csr_matrix) -> IntArray | None:
+    """Return an order of elimination with little fill, by PARDISO's nested dissection; None without PARDISO.
+
+    Parameters
+    ----------
+    graph
+        Upper triangle, diagonal included, shape (n, n); only the places of its entries count.
+
+    Returns
+    -------
+    ndarray or None
+        Which row is eliminated first, second, ..., shape (n,).
+    """
+    try:
+        solver = _pardiso()
+    except ImportError:
+        return None
+    solver.set_iparm(PERMUTATION, 2)
+    solver.perm = np.zeros(graph.shape[0], dtype=np.int32)
+    solver.set_phase(ORDER)
+    solver._call_pardiso(graph, np.zeros((graph.shape[0], 1)))
+    order = solver.perm.astype(np.int64) - 1
+    solver.free_memory(everything=True)
+    return order
 
 
 class SuperLU:
@@ -188,8 +226,10 @@ def _of_the_process() -> int | None:
     return None if most == resource.RLIM_INFINITY else most - pages * resource.getpagesize()
 
 
-def factorize(upper: sp.csr_matrix) -> Factor:
+def factorize(upper: sp.csr_matrix, order: IntArray | None = None) -> Factor:
     """Factorize a symmetric positive definite matrix given by its upper triangle, with the best solver installed.
+
+    PARDISO eliminates in an `order` if it is given one (`elimination_order`), else it finds its own.
 
     Raises
     ------
@@ -199,7 +239,7 @@ def factorize(upper: sp.csr_matrix) -> Factor:
         If its factor would not fit; that is known before it is made.
     """
     try:
-        return Pardiso(upper)
+        return Pardiso(upper, order)
     except ImportError:
         return SuperLU(upper)
 

@@ -217,8 +217,19 @@ def class_system(
         free, tied = _tie(body, domain, free, rigid)
     reduced = _condense(stiffness, free, tied)
     if factor is None or not factor.renew(reduced):
-        factor = factorize(reduced)
+        factor = factorize(reduced, _order(body, free, reduced.shape[0]))
     return ClassSystem(cls, free, factor, reduced, body.n_dofs, tied)
+
+
+def _order(body: Elasticity, free: IntArray, count: int) -> IntArray | None:
+    """Return the unknowns in the order of their nodes' elimination, motions of rigid ports last, shape (count,)."""
+    nodes = body.elimination_order
+    if nodes is None:
+        return None
+    number = np.full(body.n_dofs, -1)
+    number[free] = np.arange(len(free))
+    ordered = number[(3 * nodes[:, None] + np.arange(3)).ravel()]
+    return np.concatenate([ordered[ordered >= 0], np.arange(len(free), count)])
 
 
 def _tie(body: Elasticity, domain: Domain, free: IntArray, rigid: Sequence[Port]) -> tuple[IntArray, sp.csr_matrix]:
