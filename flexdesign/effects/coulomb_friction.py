@@ -62,7 +62,7 @@ EFFECT = Effect(
         "friction, IEEE Trans. Autom. Control 40 (1995); P. R. Dahl, A solid friction model (1968)"
     ),
     parameters=(
-        Parameter("level", "m", "um", "friction force over stiffness", 0.0, 0.5e-6, (0.0, 2e-5), "log"),
+        Parameter("level", "m", "um", "friction force over stiffness", 0.0, 0.5e-6, (0.0, 1e-4), "log"),
         Parameter(
             "presliding",
             "m",

@@ -60,6 +60,9 @@ class Evidence:
     change, own_change, tolerance
         Change of the prediction against the model before, and against the model without the effect alone; and the
         change that matters [response].
+    trace
+        Score of the columns by which an effect shows whatever else it does, such as the line of a sinusoid; infinite
+        if it has none.
     at_bound, open
         Strengths at the end of the plausible range; and those with intervals that include the null.
     """
@@ -71,6 +74,7 @@ class Evidence:
     change: float
     own_change: float
     tolerance: float
+    trace: float = math.inf
     at_bound: tuple[str, ...] = ()
     open: tuple[str, ...] = ()
 
@@ -84,6 +88,8 @@ class Evidence:
         """Return the reason why nothing is added; empty if it is."""
         if self.gain < self.needed:
             return "no more than chance gives"
+        if self.trace < self.needed:
+            return "shows no line at its frequency"
         if not self.helps:
             return "does not help on the validation runs"
         if self.share < SHARE:

@@ -9,16 +9,19 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.core.model import Effect, Model, Parameter, Resonance
+from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, of_catalogue
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.measurements.recordings import Run
 
+Array = NDArray[np.float64]
 #: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
 NAMED_BY_CALIBRATION = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass distinguishes from the others.
@@ -52,6 +55,27 @@ class Adder:
     def __call__(self, model: Model) -> Model:
         """Return the model with the effect."""
         return cast(AxisDynamics, model).with_effect(self.effect, self.name)
+
+
+@dataclass(frozen=True)
+class Line:
+    """The line of a periodic effect in a run: cosine and sine at its frequency.
+
+    Parameters
+    ----------
+    frequency
+        Name of the number that is its frequency.
+    """
+
+    frequency: str
+
+    def __call__(self, model: Model, observation: Observation) -> Array | None:
+        """Return both as columns, n by 2; None for a frequency response, which has no time."""
+        if not isinstance(observation, Run):
+            return None
+        frequency = next(p.start for p in model.parameters() if p.name == self.frequency)
+        angle = 2 * math.pi * (frequency or 0.0) * (observation.time - observation.time[0])
+        return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def candidates(
@@ -151,6 +175,7 @@ def candidate_of(
     power = fields.POWER_LAWS.get(name, ("", ()))[0]
     free = tuple(p.name for p in own if not p.per_run and p.name.rpartition(".")[2] != power)
     phase = next((p.name for p in own if p.per_run and p.si == "rad"), "")
+    frequency = next((p.name for p in own if p.si == "Hz"), "")
     is_mode = band is not None and any(isinstance(face, Resonance) for face in effect.faces)
     return Candidate(
         name=name,
@@ -162,6 +187,7 @@ def candidate_of(
         signed=strength.plausible[0] < 0,
         is_limit=strength.null == math.inf,
         like=effect.confused_with,
+        trace=Line(frequency) if phase and frequency else None,
     )
 
 

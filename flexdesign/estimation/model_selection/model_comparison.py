@@ -14,7 +14,7 @@ from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, without_effect
-from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,8 @@ class Trial:
     fit
         The fit.
     gain
-        Fall of chi^2 of the fitted runs, less what the freedom of further initial conditions explains by chance.
+        Fall of chi^2 of the fitted runs, less what the freedom of further initial conditions explains by chance; or the
+        score of what an effect must show by, if that is less.
     share
         Share of the unexplained mean square of the validation runs that it removes.
     error
@@ -96,10 +97,23 @@ def compare(
         change=_relevance(task, before.model, after.model),
         own_change=min(_relevance(task, without_effect(after.model, effect), after.model) for effect in added),
         tolerance=task.tolerance,
+        trace=min((_trace(before, after, effect) for effect in added), default=math.inf),
         at_bound=tuple(effect.strength for effect in added if effect.strength in bounds),
         open=tuple(effect.strength for effect in added if not is_determined(after, effect)),
     )
+    gain = min(gain, evidence.trace)
     return Trial(names, after, gain, share, errors[1], evidence.needed, score, evidence.refusal, evidence.is_small)
+
+
+def _trace(before: FittedModel, after: FittedModel, effect: Candidate) -> float:
+    """Return the score, in the fit without an effect, of the columns by which it shows whatever else it does.
+
+    A sinusoid that cannot be seen itself may still smooth a friction (dither), as another law of friction does.
+    """
+    if effect.trace is None:
+        return math.inf
+    records = before.solution.problem.dataset.records
+    return score_of_columns(before.solution, [effect.trace(after.model, record.observation) for record in records])
 
 
 def _relevance(task: EstimationTask, before: Model, after: Model) -> float:
@@ -136,6 +150,12 @@ def rank(trials: Sequence[Trial]) -> list[Trial]:
     """Return trials with the best one first, by BIC at the least discrepancy among them."""
     least = min((trial.fit.discrepancy for trial in trials), default=1.0)
     return sorted(trials, key=lambda trial: trial.fit.bic(least))
+
+
+def confused_with(trials: Sequence[Trial]) -> set[str]:
+    """Return the names of the effects that what the best trial adds is known to be taken for."""
+    added = [effect for trial in rank(trials)[:1] for effect in trial.fit.effects if effect.name in trial.names]
+    return {other for effect in added for other in effect.like}
 
 
 def bic_lead(one: FittedModel, other: FittedModel) -> float:

@@ -20,10 +20,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import chdtrc, chdtri
 
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Model
+from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
 Array = NDArray[np.float64]
@@ -67,6 +68,10 @@ class Candidate:
     after
         Name of the effect that must already be in the model: one that a model has several times; empty if there is
         none.
+    trace
+        Returns the columns by which the effect shows in an observation whatever the rest of the model does, such as a
+        line at its frequency, n by k [response]; None for an observation that cannot show them. None if all that the
+        effect does to a prediction speaks for it.
     """
 
     name: str
@@ -79,6 +84,7 @@ class Candidate:
     is_limit: bool = False
     like: tuple[str, ...] = ()
     after: str = ""
+    trace: Callable[[Model, Observation], Array | None] | None = None
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -135,6 +141,35 @@ class Direction:
             return 0.0
         more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
         return max(self.predicted_gain * self.best_step - float(more), 0.0)
+
+
+def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> float:
+    """Return the score of columns, each with an amount of its own in each record: by how much chi^2 would fall.
+
+    Parameters
+    ----------
+    solution
+        The fit.
+    columns
+        For each record n by k [response]; None for one without any.
+    """
+    dataset, projections, grams, gradients = solution.problem.dataset, list[Array](), list[Array](), list[Array]()
+    for record, part, jacobian, residual in zip(
+        dataset.records, columns, solution.jacobian, solution.residuals, strict=True
+    ):
+        if part is None:
+            continue
+        whitened = np.column_stack([dataset.whitened(record, np.where(record.present, c, 0.0)) for c in part.T])
+        projection = np.zeros((len(solution.x), whitened.shape[1]))
+        projection[jacobian.places] = jacobian.matrix.T @ whitened
+        projections.append(projection)
+        grams.append(whitened.T @ whitened)
+        gradients.append(whitened.T @ residual)
+    if not grams:
+        return 0.0
+    shared, gradient = np.hstack(projections), np.concatenate(gradients)
+    own = block_diag(*grams) - shared.T @ solution.covariance @ shared
+    return float(gradient @ np.linalg.pinv(own, rcond=OWN, hermitian=True) @ gradient)
 
 
 class Screening:

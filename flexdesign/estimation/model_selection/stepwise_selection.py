@@ -34,6 +34,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     best_of,
     bic_lead,
     compare,
+    confused_with,
     is_indistinguishable,
     rank,
 )
@@ -158,8 +159,13 @@ def forward(
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
-    singles, pairs = _compete(task, fit, entries, WORTH * least)
+    singles, pairs, refused = _compete(task, fit, entries, WORTH * least)
     trials = _trials(task, fit, singles, score)
+    # Effects that the best one is known to be taken for compete to the end.
+    left = [e for e in entries if len(e.names) == 1 and e not in singles and e.names not in refused]
+    while rivals := [e for e in left if e.names[0] in confused_with(trials)]:
+        trials += _trials(task, fit, rivals, score)
+        left = [e for e in left if e not in rivals]
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
@@ -185,24 +191,18 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
 
 def _compete(
     task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], least: float
-) -> tuple[list[Entry], list[Entry]]:
-    """Return the fits that are worth being carried to their end: with one further effect, and with two.
+) -> tuple[list[Entry], list[Entry], list[tuple[str, ...]]]:
+    """Return the fits that are worth being carried to their end, with one further effect and with two; and the refused.
 
     Roughly fitted they must lower chi^2 by more than `least`; and a pair must explain much of what a single one leaves.
     """
     roughly = fit_roughly(task, fit, entries)
     candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
-    refused = [entry.names for entry in roughly if entry not in candidates]
     singles = [entry for entry in candidates if len(entry.start.names) == 1]
     cost = singles[0].solution.cost if singles else fit.cost
     cost -= WORTH * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
     pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
-    finalists = singles[:FINALISTS]
-    # Effects that the best one is known to be taken for compete to the end.
-    like = singles[0].start.directions[0].candidate.like if singles else ()
-    named = [*refused, *(entry.start.names for entry in finalists)]
-    others = [e for e in entries if len(e.start.names) == 1 and e.start.names not in named and e.start.names[0] in like]
-    return [*finalists, *others], pairs[:PAIRS]
+    return singles[:FINALISTS], pairs[:PAIRS], [entry.names for entry in roughly if entry not in candidates]
 
 
 def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
