@@ -272,19 +272,9 @@ def test_code_uses_the_words_of_the_field(folder: str) -> None:
     assert not found
 
 
-#: Kept reports of studies that take hours or minutes, from before the words were checked.
-OLD_REPORTS = {
-    "error_bars",
-    "bridge_amplifier",
-    "lin2019",
-    "lin2019_experiments",
-}
-
-
 @pytest.mark.parametrize("page", sorted((ROOT / "reports" / "examples").glob("*/report.md")), ids=names)
 def test_kept_reports_use_the_words_of_the_field(page: Path) -> None:
-    """A report that is made anew leaves the list."""
-    assert bool(private_words(page.read_text(encoding="utf-8"))) == (page.parent.name in OLD_REPORTS)
+    assert not private_words(page.read_text(encoding="utf-8"))
 
 
 def test_private_words_are_found(tmp_path: Path) -> None:

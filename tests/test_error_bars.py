@@ -134,6 +134,15 @@ def test_judgement_counts_what_is_contained() -> None:
     assert found.caution == pytest.approx(0.01 / math.sqrt(sum(e**2 for e in errors) / 4))
 
 
+def test_a_report_is_written_again_from_its_result(tmp_path: Path) -> None:
+    cases = [invented([0.5, -1.5, 1.0, 0.01], sample) for sample in (designs()[0], designs()[5])]
+    result = json.loads(json.dumps(report.of(cases)))
+    (tmp_path / "result.json").write_text(json.dumps(result), encoding="utf-8")
+    assert report.of(report.cases_of(result)) == result
+    assert command.main(["--result", str(tmp_path / "result.json"), "--out", str(tmp_path / "out")]) == 1
+    assert json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))["cases"] == result["cases"]
+
+
 def test_estimates_that_say_nothing_do_not_hold() -> None:
     timid = judge(invented([0.04, -0.03, 0.0, 0.05], designs()[0]).deviations)
     assert timid.share == 1.0 and timid.caution > 20 and not timid.holds

@@ -516,7 +516,7 @@ def test_a_stage_written_by_hand_is_tried_out(tmp_path: Path, command_line: Run)
         assert f"\n## {title}: " in text
     for controller in ("open loop", "feedforward", "ziegler-nichols", "robust", "feedforward + robust"):
         assert f"| {controller} | x |" in text
-    assert "Beware" not in text.partition("\n## staircase x")[0]  # within the range, and no loop is unstable
+    assert "Caution" not in text.partition("\n## staircase x")[0]  # within the range, and no loop is unstable
 
 
 @pytest.mark.parametrize("low", [0, -50, -100])

@@ -15,8 +15,7 @@ from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.experiments import simulation
 from flexdesign.dynamics.experiments.standard_experiments import plan
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, ResponseUnits, StageModel
-from flexdesign.report.comparison_text import error, limit
-from flexdesign.report.diagnosis.identification_report import units_of
+from flexdesign.report.comparison_text import error, limit, units_of
 from flexdesign.report.simulation import simulation_figures
 
 AXIS = """format = 1

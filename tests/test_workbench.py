@@ -460,6 +460,10 @@ def test_uploaded_model_recordings_and_effect_are_confronted(browser: Any, serve
     uploaded(page, "Recordings", *sorted((DEMO / "runs").iterdir()))
     uploaded(page, "An effect of your own", effect)
     page.get_by_text("my_effect.py is offered").wait_for()
+    assert page.get_by_label("Model (path or bare name)").input_value() == "model.toml (uploaded)"
+    data = sorted(path.name for path in (DEMO / "runs").iterdir() if path.suffix != ".toml")
+    runs = page.get_by_label("Recordings or static tables").input_value()
+    assert runs == "; ".join(f"{name} (uploaded)" for name in data)
     page.get_by_role("button", name="Confront").click()
     page.locator("#ladder").get_by_text("recalibrated").wait_for()
     page.get_by_text(re.compile(r"^\d+ more$")).click()

@@ -168,10 +168,10 @@ class Confrontation:
         if run not in runs:
             raise KeyError(f"{run}{suggest(run, list(runs))}")
         response = diagnosis_text.response(found)
-        large, small = comparison_text.units_of(response)
-        if runs[run].noise_floor < 0.1 * units.factor(small, response):
-            small = comparison_text.FINER.get(small, small)
-        its, scale, fine = runs[run], *(units.factor(unit, response) for unit in (large, small))
+        its = runs[run]
+        # The unit of residuals does not depend on the model, which moves under the axis.
+        large, small = (comparison_text.axis_unit(response, each) for each in (its.measured, 10 * its.noise_floor))
+        scale, fine = (units.factor(unit, response) for unit in (large, small))
         there = np.where(np.isfinite(its.measured), 1.0, np.nan)
         return Traces(
             run, its.role, its.time, its.command, its.measured / scale, its.predicted * there / scale,

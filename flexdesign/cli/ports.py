@@ -12,7 +12,7 @@ from flexdesign.cli.shared import DESIGN, AsJson, app, progress, report_folder, 
 HELP = """List the faces of a STEP file, and write a design that uses some of them as ports.
 
 STEP is the file of one solid. Its plane and cylindrical faces are listed with area, normal, centre and name, and drawn
-with their numbers; what is thin on the solid is listed, too. A port is one plane face or several in one plane.
+with their numbers; thin regions of the solid are listed, too. A port is one plane face or several in one plane.
 
 **Examples**
 
@@ -24,13 +24,13 @@ with their numbers; what is thin on the solid is listed, too. A port is one plan
 
 **In a design:** part = "bracket.step", and a table for each port: [ports.ground], [ports.input_left],
 [ports.input_right], [ports.output]. Each names its faces by face = "name", colour = "#rrggbb", plane = "z = max", or
-point and normal, which find the nearest face that looks that way. interface = "rigid" lets the faces move as one body;
+point and normal, which find the nearest face with that normal. interface = "rigid" lets the faces move as one body;
 about = ["0 mm", "0 mm", "0 mm"] is the point that motions and moments are taken about. A design without inputs is a
 joint: its report has the stiffness of the output in six directions.
 
-**What it writes:** report.html, report.md, result.json and the picture, into --out; with -o the design to start from.
+**Output:** report.html, report.md, result.json and the picture, in --out; with -o the design to start from.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 

@@ -14,8 +14,7 @@ HELP = """Compare published numbers of mechanisms with finite elements, and name
 MECHANISM is a folder, or the name of one in studies/published; all of these by default. A folder holds one TOML file,
 a design or a study, and one CSV file with the columns `quantity,value,unit,sigma,boundary,place,kind,neglects`:
 quantity and boundary as `validate` names them, the place where the number is printed, the kind (formula, simulation or
-measurement), and the static effects that a formula leaves out. A last column `note` may state what else is known of a
-difference.
+measurement), and the static effects that a formula leaves out. A last column `note` may explain a difference.
 
 **Examples**
 

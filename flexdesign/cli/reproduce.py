@@ -13,7 +13,7 @@ HELP = """Reproduce every printed value of a publication, each with a verdict.
 
 PUBLICATION is a file of printed values, or the bare name of one in studies/. Its stage is solved by finite elements and
 its experiments are simulated. The report has a row for every table, figure and equation: the printed value, ours, and
-the verdict: agrees, equal by construction, cannot be both true and the reason, or not printed.
+the verdict: agrees, agrees by construction, contradictory with the reason, not printed, or differs.
 
 **Examples**
 

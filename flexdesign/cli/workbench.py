@@ -25,8 +25,8 @@ numbers as sliders; what to measure next; the closed loop before and after; save
 **Design:** dimensions as sliders with the answer of the compliance model; finite elements, sweeps and optimisation in a
 process that can be cancelled; designs, sketches and STEP files of your own.
 
-The page is served on this machine alone, and asks nothing of the network. With another --host it is reached from
-elsewhere by whoever has the token in the printed address.
+The page is served on this machine alone and sends no request to the network. With another --host, anyone with the
+token in the printed address can open it.
 
 **Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 130 interrupted.
 """
@@ -38,7 +38,7 @@ def workbench(
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="[RUNS]...", help="Recorded runs: files or folders.")
     ] = None,
-    host: Annotated[str, typer.Option(help="Address to serve on; another than this machine's needs the token.")] = (
+    host: Annotated[str, typer.Option(help="Address to serve on; any other than this machine's needs the token.")] = (
         "127.0.0.1"
     ),
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to serve on.")] = 8080,

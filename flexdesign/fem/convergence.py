@@ -125,13 +125,14 @@ def extrapolate(
 
 def describe(mesh_noise: MeshNoise) -> str:
     """Return in words how limits and their errors are found."""
-    share = f" and of {100 * mesh_noise.share:g} % of what each mesh leaves open" if mesh_noise.share else ""
+    share = f" and of {100 * mesh_noise.share:g} % of the remaining error of each mesh" if mesh_noise.share else ""
     return (
-        f"The error is taken to fall with the edge length to a power between {ORDERS[0]:.3g} and {ORDERS[1]:.3g} (or "
-        f"the higher one that three meshes show, up to {SMOOTH:g}); the value is the middle of the two extrapolations. "
-        "The printed error is the larger of half their distance and a quarter of what the coarser pair of meshes "
-        "answers otherwise (of two meshes alone: half of what extrapolation changes), and, in quadrature, what a "
-        f"scatter of {100 * mesh_noise.relative:g} %{share} becomes by extrapolation."
+        f"The error is assumed to fall with a power of the edge length between {ORDERS[0]:.3g} and {ORDERS[1]:.3g} (or "
+        f"the higher one that three meshes show, up to {SMOOTH:g}). The value is the mean of the two extrapolations. "
+        "The printed error is the larger of two numbers: half the difference of the two extrapolations, and a quarter "
+        "of the change from the extrapolation of the coarser pair of meshes (with two meshes: half the change by "
+        f"extrapolation). The effect of a scatter of {100 * mesh_noise.relative:g} %{share} on the extrapolation is "
+        "added in quadrature."
     )
 
 

@@ -53,7 +53,7 @@ def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
     axes.grid(color=NEUTRAL, alpha=0.25)
-    axes.legend(frameon=False, labelcolor=NEUTRAL)
+    below(figure, axes, 3 if max(len(label) for label, _, _ in curves) < 20 else 1)
     return svg(figure)
 
 

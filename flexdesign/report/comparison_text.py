@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from flexdesign.core import units
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, Part
 from flexdesign.dynamics.stage_model import ResponseUnits
@@ -15,6 +18,26 @@ UNIFORM = 0.1
 FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
 #: The units of sizes from ten thousand, and from a million of another on.
 COARSER = {"um": ("mm", "m"), "mV": ("V", "V"), "urad": ("mrad", "rad"), "V": ("kV", "kV")}
+
+#: The units of axes, from small to large.
+AXIS_UNITS = {"m": ("nm", "um", "mm", "m"), "rad": ("nrad", "urad", "mrad", "rad"), "V": ("uV", "mV", "V", "kV")}
+
+
+def axis_unit(response: str, *values: ArrayLike) -> str:
+    """Return the unit of an axis for values in SI units: that of the stage model, or one in which they are 1 to 1000.
+
+    >>> axis_unit("rad", [0.0, 5.3e-3]), axis_unit("m", [math.nan, -2e-9]), axis_unit("rad/V", [2e-4]), axis_unit("m")
+    ('mrad', 'nm', 'urad/V', 'um')
+    >>> axis_unit(ResponseUnits("m", "mm"), [2e-9])
+    'mm'
+    """
+    sizes = [np.abs(each).max(initial=0.0, where=np.isfinite(each)) for each in map(np.asarray, values)]
+    size = max(sizes, default=0.0)
+    if size == 0.0 or (isinstance(response, ResponseUnits) and response.unit):
+        return units_of(response)[0]
+    base, per, volt = response.partition("/")
+    below = [unit for unit in AXIS_UNITS[base] if units.factor(unit, base) <= size]
+    return (below[-1] if below else AXIS_UNITS[base][0]) + per + volt
 
 
 def units_of(response: str) -> tuple[str, str]:

@@ -28,8 +28,8 @@ def document(published: PublishedMechanisms) -> Document:
         if count
     )
     summary = [
-        f"{len(published.rows)} published numbers of {len(published.mechanisms)} mechanisms, and finite elements: "
-        f"{texts}.",
+        f"{len(published.rows)} published number{'s' * (len(published.rows) != 1)} of {len(published.mechanisms)} "
+        f"mechanism{'s' * (len(published.mechanisms) != 1)}, compared with finite elements: {texts}.",
         _unexplained(published),
     ]
     sections = [Section("Overview", [_how()], [overview(published)], [_picture(published)])]
@@ -80,12 +80,12 @@ def result(published: PublishedMechanisms) -> dict[str, Any]:
 
 
 def _how() -> str:
-    meanings = "; ".join(f"{verdict}: {meaning}" for verdict, meaning in VERDICTS.items())
+    meanings = "; ".join(f"“{verdict}” means that {meaning}" for verdict, meaning in VERDICTS.items())
     return (
-        "The difference is that of the published number from ours. The uncertainty is that of the published number "
+        "The difference is the published number relative to ours. The uncertainty is that of the published number "
         "(two standard deviations, or half a unit of its last digit) plus the estimated error of our finite elements. "
-        "A gap is closed by the fewest effects without which the compliance model takes our number to the published "
-        f"one. {meanings}."
+        "To close a gap, the fewest effects are left out of the compliance model that bring our number to the "
+        f"published one. Verdicts: {meanings}."
     )
 
 
@@ -97,7 +97,7 @@ def _unexplained(published: PublishedMechanisms) -> str:
         for row in each.rows
         if row.verdict == "differs"
     ]
-    return f"What differs and no effect explains: {'; '.join(named) or 'nothing'}."
+    return f"Differences that no effect explains: {'; '.join(named) or 'none'}."
 
 
 def _section(each: Mechanism) -> Section:
@@ -165,7 +165,7 @@ def _picture(published: PublishedMechanisms) -> Figure:
     low, high = (100 * extreme((*before, *after)) for extreme in (min, max))
     ticks = sorted({sign * tick for tick in TICKS for sign in (-1, 1)})
     axes.set_xticks([tick for tick in ticks if min(low, -TICKS[1]) <= tick <= max(high, TICKS[1])])
-    axes.xaxis.set_major_formatter("{x:+g}")
+    axes.xaxis.set_major_formatter(lambda x, _: f"{x:+g}" if x else "0")
     axes.minorticks_off()
     axes.margins(x=0.1)
     axes.set_xlabel("difference from our finite elements [%]")

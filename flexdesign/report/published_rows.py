@@ -36,7 +36,7 @@ WORDS = {
 #: Names of fractions that a table of measures lists next to their totals.
 ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
 #: Verdicts on numbers that say nothing about the model.
-SET, NOT_COMPARABLE, NOT_MEASURED = "none: the stage was set to it", "not to be compared", "not measured"
+SET, NOT_COMPARABLE, NOT_MEASURED = "used to set the model", "not comparable", "not measured"
 #: What settling means: the motion stays within this share of the step.
 BAND = 0.02
 
@@ -75,7 +75,7 @@ def section(simulation: Simulation) -> Section:
     found = table(simulation)
     if not found.rows:
         return Section("Published numbers")
-    text = "A difference within the uncertainty of the published number proves nothing, either way."
+    text = "A difference within the uncertainty of the published number is no evidence for or against the model."
     return Section("Published numbers and ours", [text, *_damping(simulation)], [found])
 
 
@@ -142,7 +142,7 @@ def _damping(simulation: Simulation) -> list[str]:
         for case, c in simulation.compare_published(experiment)
         if c.published.measure == "settling_time" and not case.pid and not c.published.bound
     )
-    return [f"Settling without feedback is a matter of damping. {' '.join(words)}"] if words else []
+    return [f"Settling without feedback depends on the damping ratio. {' '.join(words)}"] if words else []
 
 
 def _takes(simulation: Simulation, case: Case, compared: Compared) -> str:
@@ -150,7 +150,7 @@ def _takes(simulation: Simulation, case: Case, compared: Compared) -> str:
     damping = -math.log(BAND) / (2 * math.pi * axis.natural_frequency * compared.published.si)
     guessed = "damping_ratio" in axis.assumed and axis.damping_ratio == modelled.damping_ratio
     return (
-        f"{compared.published.value} of {compared.axis} at {units.to_text(axis.natural_frequency, 'Hz')} take a ratio "
-        f"of {units.significant(damping, 3)}; it has {units.significant(axis.damping_ratio, 3)} "
-        f"({case.variant}{', assumed' if guessed else ''})."
+        f"{compared.axis}, {case.variant}: {compared.published.value} at "
+        f"{units.to_text(axis.natural_frequency, 'Hz')} need a ratio of {units.significant(damping, 3)}; the model has "
+        f"{units.significant(axis.damping_ratio, 3)}{' (assumed)' if guessed else ''}."
     )

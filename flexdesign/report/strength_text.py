@@ -47,7 +47,7 @@ def _fatigue(material: Material) -> str:
         f"Fatigue strength: amplitude {strength} at {cycles(data.cycles)} cycles, stress ratio {data.stress_ratio:g}"
         f"{specimen} ({data.source}); {line}. The actuator swings between no drive and the stated one while the "
         "preload stays; the safety is the factor by which amplitude and mean can grow together. The data hold for "
-        "smooth specimens: what roughness and the recast layer of spark erosion take is not in them."
+        "smooth specimens: they leave out roughness and the recast layer of spark erosion."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import secrets
 import shutil
 import tempfile
@@ -21,10 +22,19 @@ from flexdesign.workbench.work import Work
 LARGEST_UPLOAD = 200 * 2**20
 #: Seconds between two looks at what is going on.
 LOOK = 0.2
+#: Start of the names of clients' folders, and the path of such a folder in a message.
+FOLDER = "flexdesign-workbench-"
+_PATH = re.compile(rf"[^\s\"']*/{FOLDER}\w+/(?:[\w.-]+/)*")
+#: What follows the name of an uploaded file in a field.
+UPLOADED = " (uploaded)"
 
 
 def field_error(field: Any, text: str) -> None:
-    """Say in words next to a field what is wrong with it; nothing if the text is empty."""
+    """Say in words next to a field what is wrong with it; nothing if the text is empty.
+
+    Files of clients are named without their folder on the server.
+    """
+    text = _PATH.sub("", text)
     if isinstance(field, ui.label):
         field.set_text(text)
     else:
@@ -39,10 +49,11 @@ class Client:
 
     def __init__(self) -> None:
         self.work, self._tab = Work(), ui.context.client
-        self.folder = Path(tempfile.mkdtemp(prefix="flexdesign-workbench-"))
+        self.folder = Path(tempfile.mkdtemp(prefix=FOLDER))
         self.address = f"/files/{secrets.token_urlsafe(16)}"
         app.add_static_files(self.address, self.folder)
         self._remembered: dict[str, str] = {}
+        self._uploads: dict[str, Path] = {}
         self._lasts = False
         self.palette, self.on_scheme = charts.LIGHT, list[Callable[[], None]]()
 
@@ -113,6 +124,31 @@ class Client:
         """Return an empty folder for a report."""
         return Path(tempfile.mkdtemp(prefix=f"{name}-", dir=self.folder))
 
+    def register_upload(self, path: Path) -> str:
+        """Return the name by which fields show an uploaded file: not that of its place on the server."""
+        name = f"{path.name}{UPLOADED}"
+        self._uploads[name] = path
+        return name
+
+    def path_of(self, text: str) -> str:
+        """Return the path that a field means: that of an uploaded file, or the text as it stands.
+
+        Raises
+        ------
+        InputError
+            If the file was uploaded to a server that has ended since.
+        """
+        text = text.strip()
+        if text.endswith(UPLOADED) and text not in self._uploads:
+            raise fd.InputError(text.removesuffix(UPLOADED), "", None, "is no longer on the server: upload it again")
+        return str(self._uploads.get(text, text))
+
+    def with_paths(self, text: str) -> str:
+        """Return a text with the paths of uploaded files in the place of their names."""
+        for name, path in self._uploads.items():
+            text = text.replace(f'"{name}"', f'"{path.as_posix()}"')
+        return text
+
     def url(self, path: Path) -> str:
         """Return the address of a file in the folder of this client."""
         return f"{self.address}/{path.relative_to(self.folder).as_posix()}"
@@ -128,7 +164,7 @@ class Client:
         """Show what a process found: its sentences, its table, its files."""
         ui.label(found["title"]).classes("text-subtitle1")
         for text in found["summary"]:
-            ui.label(units.typeset(text))
+            ui.label(units.typeset(_PATH.sub("", text)))
         ui.html(charts.table(found["columns"], found["rows"]), sanitize=False).classes("w-full fd-scroll")
         self.links(folder)
 
@@ -165,7 +201,7 @@ class Client:
                     await run.io_bound(check, path)
             except fd.InputError as error:
                 field.reset()  # its tick would say that the file is taken
-                field_error(problem, str(error).replace(f"{folder}/", ""))
+                field_error(problem, str(error))
                 return
             if (going := came(path)) is not None:
                 await going

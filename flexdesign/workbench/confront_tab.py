@@ -51,6 +51,7 @@ class ConfrontTab:
         self.effects = EffectList(client, self._tick)
         self.own: list[str] = []
         self.run = ""
+        self.model_path = ""
         self._asked: dict[str, float] | None = None
         self._simulating, self._slides = False, 0
         client.on_scheme.append(partial(self._show_curves, whole=True))
@@ -75,10 +76,12 @@ class ConfrontTab:
         self.body = ui.column().classes("w-full")
 
     def _model_came(self, path: Path) -> None:
-        self.model.value = str(path)
+        self.model.value = self.client.register_upload(path)
 
     def _runs_came(self, path: Path) -> None:
-        self.runs.value = str(path.parent)
+        """Name all files with data that were uploaded; a description is read with the files next to it."""
+        data = [each for each in sorted(path.parent.iterdir()) if each.suffix.lower() != ".toml"]
+        self.runs.value = "; ".join(map(self.client.register_upload, data))
 
     def _effect_came(self, path: Path) -> None:
         self.own.append(str(path))
@@ -96,20 +99,24 @@ class ConfrontTab:
         field_error(self.model, "")
         field_error(self.runs, "")
         self.body.clear()
-        paths = [each.strip() for each in str(self.runs.value or "").split(";") if each.strip()]
-        if await run.io_bound(is_design, str(self.model.value or "")):
-            self.client.remember(model=self.model.value, runs=self.runs.value)
-            with self.body:
-                await StaticTables(self.client, str(self.model.value), paths, self.own).build()
-            return
         try:
-            model = await run.io_bound(fd.read_model, str(self.model.value or ""))
+            self.model_path = self.client.path_of(str(self.model.value or ""))
+            if is_static := await run.io_bound(is_design, self.model_path):
+                model = None
+            else:
+                model = await run.io_bound(fd.read_model, self.model_path)
         except fd.InputError as error:
             field_error(self.model, str(error))
             return
         try:
+            paths = [self.client.path_of(each) for each in str(self.runs.value or "").split(";") if each.strip()]
+            if is_static:
+                self.client.remember(model=self.model.value, runs=self.runs.value)
+                with self.body:
+                    await StaticTables(self.client, self.model_path, paths, self.own).build()
+                return
             self.session = await self.client.work.in_thread(
-                "reading the recordings", fd.confront, str(self.model.value), paths, effects=self.own
+                "reading the recordings", fd.confront, self.model_path, paths, effects=self.own
             )
             self.shown = await run.io_bound(self.session.designed)
         except fd.InputError as error:
@@ -200,7 +207,7 @@ class ConfrontTab:
                     ui.button("Export the report", on_click=self._export).props("no-caps outline")
                     ui.button("Save the model", on_click=self._save).props("no-caps outline")
                 self.exported = ui.column().props("aria-live=polite")
-        self.further = LoopAndPlan(self.client, self.session, str(self.model.value), self.ticked, self._ask)
+        self.further = LoopAndPlan(self.client, self.session, self.model_path, self.ticked, self._ask)
         self.further.build()
 
     # --- what is shown --------------------------------------------------------------------------------------------

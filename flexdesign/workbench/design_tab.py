@@ -12,7 +12,7 @@ from nicegui import run, ui
 import flexdesign as fd
 from flexdesign.core import units
 from flexdesign.workbench import charts
-from flexdesign.workbench.client import Client, field_error
+from flexdesign.workbench.client import UPLOADED, Client, field_error
 from flexdesign.workbench.work import Cancelled
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class DesignTab:
 
     async def _came(self, path: Path) -> None:
         if path.suffix.lower() == ".toml":
-            self.name.value = str(path)
+            self.name.value = self.client.register_upload(path)
             await self.open()
             return
         self.starter.clear()
@@ -82,7 +82,7 @@ class DesignTab:
 
             async def use() -> None:
                 file.write_text(str(text.value), encoding="utf-8")
-                self.name.value = str(file)
+                self.name.value = self.client.register_upload(file)
                 await self.open()
 
             ui.button("Use this design", on_click=use).props("no-caps outline")
@@ -94,7 +94,7 @@ class DesignTab:
         self.body.clear()
         self.changed = {}
         try:
-            self.design = await run.io_bound(fd.read_design, str(self.name.value or ""))
+            self.design = await run.io_bound(fd.read_design, self.client.path_of(str(self.name.value or "")))
         except fd.InputError as error:
             field_error(self.name, str(error))
             return
@@ -152,9 +152,15 @@ class DesignTab:
         factor = parameter.factor
         value = design.dimensions[parameter.name] / factor
         return STUDY.format(
-            title=design.title, file=design.file.resolve(), dimension=parameter.name, unit=parameter.unit,
+            title=design.title, file=self._written_name(), dimension=parameter.name, unit=parameter.unit,
             low=f"{0.8 * value:.4g}", high=f"{1.2 * value:.4g}", aim="K_out_actuator_installed",
         )  # fmt: skip
+
+    def _written_name(self) -> str:
+        """Return how a study names the design that is open: an uploaded file by its name, others by their path."""
+        assert self.design is not None
+        name = str(self.name.value).strip()
+        return name if name.endswith(UPLOADED) else self.design.file.resolve().as_posix()
 
     def _is_of_this_design(self, study: str) -> bool:
         """Tell whether a study names the design that is open; one that cannot be read is refused later, in words."""
@@ -162,7 +168,7 @@ class DesignTab:
             named = tomllib.loads(study).get("design")
         except tomllib.TOMLDecodeError:
             return False
-        return self.design is not None and named in (str(self.design.file.resolve()), str(self.name.value))
+        return self.design is not None and named in (self._written_name(), str(self.name.value))
 
     # --- what is done ---------------------------------------------------------------------------------------------
 
@@ -226,7 +232,7 @@ class DesignTab:
     async def _study(self, verb: str) -> None:
         folder = self.client.new_folder("study")
         file = folder / "study.toml"
-        file.write_text(str(self.study.value), encoding="utf-8")
+        file.write_text(self.client.with_paths(str(self.study.value)), encoding="utf-8")
         options: dict[str, Any] = {"store": str(folder / "answers")} if verb == "sweep" else {}
         if self.changed and self._is_of_this_design(str(self.study.value)):
             options["dimensions"] = self.changed

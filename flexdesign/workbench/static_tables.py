@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -30,10 +31,11 @@ class StaticTables:
 
     async def build(self) -> None:
         """Lay the questions out, and compare."""
+        first = self.client.register_upload(Path(self.own[0])) if self.own else "over_cut"
         with ui.row().classes("w-full items-start"):
             ui.button("Compare", on_click=partial(self._ask, "compare")).props("no-caps outline")
             ui.button("Find what is missing", on_click=self._diagnose).props("no-caps outline")
-            self.effect = ui.input("Static effect (name or path)", value=self.own[0] if self.own else "over_cut")
+            self.effect = ui.input("Static effect (name or path)", value=first)
             self.effect.classes("grow").props("outlined dense")
             ui.button("Fit this effect", on_click=self._fit).props("no-caps outline")
         self.problem = ui.label("").classes("fd-error").props("role=alert")
@@ -44,7 +46,12 @@ class StaticTables:
         await self._ask("diagnose", effects=self.own)
 
     async def _fit(self) -> None:
-        await self._ask("add_effect", str(self.effect.value or ""))
+        try:
+            effect = self.client.path_of(str(self.effect.value or ""))
+        except fd.InputError as error:
+            field_error(self.effect, str(error))
+            return
+        await self._ask("add_effect", effect)
 
     async def _ask(self, verb: str, *between: str, **options: Any) -> None:
         field_error(self.problem, "")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache, default_folder
@@ -29,7 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--fresh", action="store_true", help="solve again what is solved")
     parser.add_argument("--work", type=Path, help="folder of the single results; without it, in the cache")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the report")
+    parser.add_argument("--result", type=Path, metavar="FILE", help="only write the report of this result.json again")
     given = parser.parse_args(arguments)
+    if given.result:
+        result = json.loads(given.result.read_text(encoding="utf-8"))
+        return _write(report.cases_of(result), result, given.out)
     asked = _select_cases(given.designs, given.method, curved=given.curved)
     try:
         render.prepare(given.out)
@@ -42,11 +48,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             cases.append(_case(sample, method, work, store))
             left = (perf_counter() - began) / count * (len(asked) - count) / 60
             print(f"{count:3d}/{len(asked)}  {_line(cases[-1])}  [{left:.0f} min left]", file=sys.stderr, flush=True)
-        render.write(given.out, report.document(cases), report.of(cases), {})
+        return _write(cases, report.of(cases), given.out)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    print(*report.summary(cases), given.out / "report.html", sep="\n")
+
+
+def _write(cases: Sequence[Case], result: dict[str, Any], out: Path) -> int:
+    render.write(out, report.document(cases), result, {})
+    print(*report.summary(cases), out / "report.html", sep="\n")
     return 0 if _estimates_hold(cases) else 1
 
 

@@ -1,8 +1,9 @@
-"""The report: what the estimates are worth, in words, tables and drawings."""
+"""The report: do the estimates hold, in words, tables and drawings."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from flexdesign.core.serialise import header
 from flexdesign.fem import convergence
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
+from studies.error_bars.designs import curved_designs, designs
 from studies.error_bars.findings import OVERCAUTIOUS, REQUIRED_COVERAGE, Case, Deviation, Judgement, judge
-from studies.error_bars.trial import ACCURACY, STRESS, compared_keys
+from studies.error_bars.trial import ACCURACY, STRESS, ProgramResult, ReferenceResult, compared_keys
 
 #: How a quantity is written, its unit, and how many SI units that is.
 DISPLAY = {
@@ -29,8 +31,8 @@ GROUPS = {
     "curved": "Extruded meshes of curved necks",
 }
 HEAD = (
-    "what", "contained", "error: median", "largest", "estimate: median", "largest", "estimate / error",
-    "farthest off", "reference's doubt",
+    "what", "contained", "error: median", "error: largest", "estimate: median", "estimate: largest",
+    "estimate / error, rms", "largest error / estimate", "reference's uncertainty / estimate",
 )  # fmt: skip
 
 
@@ -60,8 +62,8 @@ def summary(cases: Sequence[Case]) -> list[str]:
             f"{title}: {verdict.contained} of {verdict.count} estimates contain the reference "
             f"({100 * verdict.share:.3g} %; {100 * REQUIRED_COVERAGE:.0f} % are asked for), all "
             f"{len(compared_keys(solved[0].sample))} of a design in {whole} of {len(solved)} designs. The median "
-            f"estimate is {_percent(verdict.median_estimate)}, the median error {_percent(verdict.median_error)}; by "
-            f"root mean squares estimates are {verdict.caution:.1f} times the errors. "
+            f"estimate is {_percent(verdict.median_estimate)}, the median error {_percent(verdict.median_error)}; the "
+            f"estimates are {verdict.caution:.1f} times the errors (root mean squares). "
             f"A design takes {_median_seconds(solved):.0f} s."
         )
         said += [
@@ -89,6 +91,31 @@ def of(cases: Sequence[Case]) -> dict[str, Any]:
     }
 
 
+def cases_of(result: Mapping[str, Any]) -> list[Case]:
+    """Return the cases of result.json's content, without what the program answered on single meshes.
+
+    Raises
+    ------
+    KeyError
+        If a case is of a design that is not drawn any more.
+    """
+    samples = {sample.number: sample for sample in (*designs(), *curved_designs())}
+    cases = []
+    for entry in result["cases"]:
+        found, unknowns = {each["quantity"]: each for each in entry["quantities"]}, entry["unknowns"]
+
+        def column(name: str, found: Mapping[str, Any] = found) -> dict[str, float]:
+            return {key: each[name] for key, each in found.items()}
+
+        answer = ProgramResult(
+            column("value"), column("estimate"), [math.nan] * len(unknowns), {}, unknowns, entry["seconds"],
+            entry["elements"], entry["error"],
+        )  # fmt: skip
+        reference = ReferenceResult(column("reference"), column("uncertainty"), **entry["reference"])
+        cases.append(Case(samples[entry["design"]], entry["method"], answer, reference))
+    return cases
+
+
 def _entry(case: Case) -> dict[str, Any]:
     return {
         "design": case.sample.number,
@@ -110,15 +137,15 @@ def _about() -> Section:
         "What is compared",
         [
             f"Bridge amplifiers drawn from the ranges in which they are built are solved to an accuracy of "
-            f"{100 * ACCURACY:g} %: the program refines until its own estimate says so, extrapolates with orders "
+            f"{100 * ACCURACY:g} %: the program refines until its own estimate is that small, extrapolates with orders "
             f"between {low:.3g} and {high:.3g}, and prints value ± estimate.",
             "The reference shares no mesher, shape function or assembly with the program: 27-node hexahedra in layers, "
-            "graded to the roots, on two meshes, extrapolated. Its own doubt is stated, and counts as no excuse: an "
+            "graded to the roots, on two meshes, extrapolated. Its own uncertainty is stated but not added: an "
             "estimate contains the truth if the reference's value lies within it.",
-            "Errors and estimates are relative. Farthest off is the largest error, and the reference's doubt its "
-            "largest uncertainty, both in estimates. Estimate / error is the ratio of their root mean squares: 2 is "
-            "right for a bar that holds 95 % of errors which are spread as chance spreads them; "
-            f"{OVERCAUTIOUS:.0f} would be no more honest than a bar that is too short.",
+            "Errors and estimates are relative. The last two columns hold the largest error and the largest "
+            "uncertainty of the reference, both divided by the estimate. The ratio of the root mean squares of "
+            "estimate and error is 2 for an interval that holds 95 % of normally distributed errors; at "
+            f"{OVERCAUTIOUS:.0f} the intervals would be too wide to be of use.",
         ],
     )
 
@@ -148,7 +175,7 @@ def _row(what: str, found: Judgement) -> list[str]:
 def _designs(title: str, cases: Sequence[Case]) -> Section:
     shown = [DISPLAY[key] for key in compared_keys(cases[0].sample)] if cases else []
     head = ["design", *(f"{name} [{unit}]" if unit else name for name, unit, _ in shown)]
-    head += ["off, in estimates", "meshes", "s", "reference s"]
+    head += ["error / estimate", "meshes", "time [s]", "reference, time [s]"]
     rows = []
     for case in cases:
         cells = [_value_text(deviation) for deviation in case.deviations]
@@ -184,10 +211,12 @@ def _histogram(cases: Sequence[Case], group: str) -> Figure:
     axes.hist(list(groups.values()), bins=edges.tolist(), stacked=True, color=colours, label=list(groups))
     for side in (-1, 1):
         axes.axvline(side, color=charts.NEUTRAL, linestyle="--")
-    axes.set_xlabel("value less reference, in estimates")
+    axes.set_xlabel("(value - reference) / estimate")
     axes.set_ylabel("answers")
     charts.below(canvas, axes, 4)
-    caption = "What lies between the dashed lines is contained; a heap in the middle alone would be over-cautious"
+    caption = (
+        "Values between the dashed lines are contained; a peak only in the middle means estimates that are too wide"
+    )
     return Figure(f"histogram_{group}.svg", charts.svg(canvas), caption)
 
 
@@ -212,7 +241,7 @@ def _bars(cases: Sequence[Case], group: str) -> Figure:
     axes.bar(numbers, 2 * doubts, bottom=-doubts, width=0.9, color=charts.NEUTRAL, alpha=0.4, label="reference")
     axes.axhline(0.0, color=charts.NEUTRAL, linewidth=0.8)
     axes.set_xlabel("design")
-    axes.set_ylabel("K_in less reference [%]")
+    axes.set_ylabel("K_in / reference - 1 [%]")
     charts.below(canvas, axes, 3)
     return Figure(f"bars_{group}.svg", charts.svg(canvas), "K_in ± estimate, and the reference with its own error")
 

@@ -85,7 +85,7 @@ def document(found: Sequence[Comparison]) -> Document:
         Section(
             "The worst case",
             [f"Design {worst.sample.number}: {worst.sample.text()}, {worst.sample.material}."],
-            [Table(["model", *SYMBOLS.values()], steps, "Model over FEM, less one"), _dimensions(worst.sample)],
+            [Table(["model", *SYMBOLS.values()], steps, "Model / FEM - 1"), _dimensions(worst.sample)],
         ),
     ]
     return Document("How near is theory to finite elements?", summary(found), sections)

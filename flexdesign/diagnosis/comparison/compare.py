@@ -262,7 +262,7 @@ def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
     skipped = dynamics.unknown_start(run)
     if skipped:
         remarks.append(
-            f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
+            f"the command was moving when the recording began: the first {skipped * run.period:.3g} s are not compared"
         )
     others = [name for name in run.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(run.columns[name])]
     if others:

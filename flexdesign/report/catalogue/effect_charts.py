@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import units
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
 from flexdesign.diagnosis.experiment_design.signature import EffectResponse
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
+from flexdesign.report.comparison_text import axis_unit, sign
 from flexdesign.report.traces import thin_out
 
 #: Of the readings with and without the effect, and of their difference.
@@ -63,7 +65,8 @@ def draw(
         What the curves are called.
     """
     make, words = _VIEWS.get(seen.command.kind, (_over_time, "Reading over time"))
-    return _draw(make(seen, *DISPLAY_UNITS[response]), labels), words
+    unit = axis_unit(response, seen.without, seen.affected)
+    return _draw(make(seen, sign(unit), 1.0 / units.factor(unit, response)), labels), words
 
 
 def commands(experiments: Sequence[Command]) -> bytes:

@@ -156,14 +156,13 @@ def stated(effect: Effect) -> list[Section]:
 
 
 def _signature(effect: Effect, signature: Signature, model: Mapping[str, str], drawn: int) -> Section:
-    from flexdesign.report.catalogue import effect_charts
+    from flexdesign.report import comparison_text
 
     axis = signature.effect.without
-    unit, factor = effect_charts.DISPLAY_UNITS[axis.axis.response]
     stated = {p.name: p for p in effect.parameters}
     given = signature.effect.values(signature.strength)
     sentences = ", ".join(f"{key} = {_text(value, stated[key])}" for key, value in given.items() if key in stated)
-    stroke = f"{units.significant(factor * signature.stroke, 3)} {unit}"
+    stroke = comparison_text.span(axis.axis.response, signature.stroke, 3)
     on = f"axis {axis.name} of the {model['title']}" if model.get("title") else f"axis {axis.name}"
     where = f"Shown on {on}{model.get('changes', '')}, stroke {stroke}, without noise, at {sentences}."
     if not signature.visible:

@@ -21,7 +21,7 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.dynamics.trajectories import Step
 from flexdesign.report import comparison_text as words
 from flexdesign.report import published_rows
-from flexdesign.report.comparison_text import units_of
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis import diagnosis_figures as figures
 from flexdesign.report.diagnosis import diagnosis_report as reports
 from flexdesign.report.diagnosis import diagnosis_result as results
@@ -195,7 +195,7 @@ def _proposal(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
 def _side_by_side(model: StageModel, axis: str, pair: tuple[Case, Case]) -> Figure:
     """Draw the motion without and with the effect, and how far each is from what was asked for."""
     si = model.axes[axis].response_units
-    large = units_of(si)[0]
+    large = axis_unit(si, *(case.response.motion[case.row(axis)] for case in pair))
     scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
     names = ("without", pair[1].variant)
     motions, errors = [], []

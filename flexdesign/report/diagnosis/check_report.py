@@ -8,10 +8,11 @@ from flexdesign.core import units, versions
 from flexdesign.core.serialise import header
 from flexdesign.diagnosis.check import Channel, Check, Coverage, Recorded
 from flexdesign.diagnosis.check.coverage import KIND_TEXTS
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.document import Document, Section, Table
 
-#: How channels are shown: SI unit -> unit.
-SHOWN = {"m": "um", "rad": "urad", "m/V": "um/V", "rad/V": "urad/V", "A": "A", "K": "K", "1": ""}
+#: SI units of responses, which are written with the prefix that suits their range.
+RESPONSES = ("m", "rad", "m/V", "rad/V")
 
 
 def table(check: Check) -> Table:
@@ -36,14 +37,18 @@ def _length(each: Recorded) -> list[str]:
 
 
 def _channel(channel: Channel) -> str:
-    unit = SHOWN.get(channel.si, channel.si)
+    is_response = channel.si in RESPONSES
+    unit = (
+        axis_unit(channel.si, [channel.low, channel.high]) if is_response else "" if channel.si == "1" else channel.si
+    )
 
     def number(value: float, digits: int = 3) -> str:
         return units.significant(value / units.factor(unit or "1", channel.si), digits)
 
     sentences = f"{channel.name} {number(channel.low)} to {number(channel.high)} {unit}".rstrip()
     if channel.noise is not None:
-        sentences = f"{sentences} ± {units.to_text(channel.noise, 'nm' if channel.si == 'm' else unit, 2, channel.si)}"
+        fine = axis_unit(channel.si, channel.noise) if is_response else unit
+        sentences = f"{sentences} ± {units.to_text(channel.noise, fine, 2, channel.si)}"
     if channel.missing > 0:
         sentences = f"{sentences}, {100 * channel.missing:.2g} % missing"
     return sentences

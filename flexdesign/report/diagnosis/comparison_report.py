@@ -14,7 +14,7 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison, reversal
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.report import comparison_text as words
-from flexdesign.report.comparison_text import units_of
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis import residual_charts as charts
 from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.diagnosis.identification_report import SLOW
@@ -51,13 +51,13 @@ def errors(comparison: Comparison) -> Table:
     stroke = words.span(comparison.response, comparison.runs[0].stroke, 3)
     if not comparison.noise.known:  # a guess would be taken for a fact
         heads, rows = heads[:6], [row[:6] for row in rows]
-    offset_note = "the offset of each run taken out"
+    offset_note = "the offset of each run is removed"
     if all(run.offset_rms is not None for run in comparison.runs):
         heads.append("offset alone")
         alone = [words.error(comparison.response, run.offset_rms or 0.0) for run in comparison.runs]
         rows = [[*row, rms] for row, rms in zip(rows, alone, strict=True)]
-        offset_note = "the initial conditions of each run fitted; in the last column its offset alone"
-    return Table(heads, rows, f"Measured less predicted, {offset_note}; stroke {stroke}")
+        offset_note = "the initial conditions of each run are fitted, in the last column only its offset"
+    return Table(heads, rows, f"Measured minus predicted; {offset_note}. Stroke: {stroke}")
 
 
 def summary(comparison: Comparison) -> list[str]:
@@ -71,6 +71,7 @@ def summary(comparison: Comparison) -> list[str]:
         words.error(comparison.response, comparison.floor, 2),
     )
     share = words.percent(comparison.rms / comparison.runs[0].stroke if comparison.runs[0].stroke else math.nan)
+    validation = ""
     count = f"{len(comparison.runs)} runs" if len(comparison.runs) > 1 else comparison.runs[0].name
     validation_runs = [r for r in comparison.runs if r.role == "test"] or [
         r for r in comparison.runs if r.role == "validate"
@@ -78,10 +79,10 @@ def summary(comparison: Comparison) -> list[str]:
     if 0 < len(validation_runs) < len(comparison.runs):  # the error that the ladder of a diagnosis states
         squares = np.concatenate([run.residual[np.isfinite(run.residual)] ** 2 for run in validation_runs])
         kind = "test" if validation_runs[0].role == "test" else "validation"
-        share += f" (the {kind} runs by {words.error(comparison.response, float(np.sqrt(np.mean(squares))))})"
+        validation = f" (the {kind} runs by {words.error(comparison.response, float(np.sqrt(np.mean(squares))))})"
     sentences = [
         *doubts(comparison.observed),
-        f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(comparison)}",
+        f"The model misses {count} by {rms} rms, {share} of the stroke{validation}. {_noise(comparison)}",
     ]
     if comparison.rms < NOISE * comparison.floor:
         noise = f"the noise ({noise_floor})" if comparison.noise.known else "no more than what may be noise"
@@ -151,7 +152,7 @@ def _sections(comparison: Comparison) -> list[Section]:
     if not comparison.runs:
         return lines
     remarks = [f"{run.name}: {remark}." for run in comparison.runs for remark in run.remarks]
-    traces = [_trace(comparison, run) for run in comparison.runs]
+    traces = [trace_of(comparison, run) for run in comparison.runs]
     return [
         Section("Errors", [*_noise_remarks(comparison), *remarks], [errors(comparison)]),
         *lines,
@@ -185,7 +186,7 @@ def _shares(comparison: Comparison) -> Figure:
 
 
 def _pictures(comparison: Comparison, traces: Sequence[Trace]) -> list[Figure]:
-    large, small = units_of(comparison.response)
+    large, small = units_of_axes(comparison)
     factor = units.factor(large, comparison.response) / units.factor(small, comparison.response)
     frequencies = charts.octaves(traces)
     scale = units.factor(large, comparison.response)
@@ -208,7 +209,7 @@ def _pictures(comparison: Comparison, traces: Sequence[Trace]) -> list[Figure]:
         Figure(
             "coherence.svg",
             charts.coherence(traces),
-            "Coherence of command and residual: near one, what is missing is linear",
+            "Coherence of command and residual: near one, the missing effect is linear",
         ),
     ]
     steps = charts.since_step(traces, words.sign(small), factor)
@@ -219,12 +220,12 @@ def _pictures(comparison: Comparison, traces: Sequence[Trace]) -> list[Figure]:
 
 
 def _figures(comparison: Comparison, run: RunComparison) -> list[Figure]:
-    large, small = units_of(comparison.response)
+    large, small = axis_unit(comparison.response, run.measured), axis_unit(comparison.response, run.residual)
     scale, fine = units.factor(large, comparison.response), units.factor(small, comparison.response)
     compared = np.isfinite(run.measured)
     t, measured, predicted = run.time[compared], run.measured[compared] / scale, run.predicted[compared] / scale
     signal = [Curve("measured", t, measured), Curve("predicted", t, predicted, dashed=True)]
-    left = [Curve("measured less predicted", t, run.residual[compared] / fine)]
+    left = [Curve("measured minus predicted", t, run.residual[compared] / fine)]
     labels = [f"{comparison.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"]
     file = f"{run.name}.svg"
     ratio = units.significant(run.ratio, 3)
@@ -250,8 +251,15 @@ def shows_a_loop(run: RunComparison, frequency: float) -> bool:
     return float(np.quantile(change, 0.95)) < SLOW * span and travelled > 1.5 * span
 
 
-def _trace(comparison: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(units_of(comparison.response)[0], comparison.response)
+def units_of_axes(comparison: Comparison) -> tuple[str, str]:
+    """Return the units in which the response and the residuals of all runs are drawn."""
+    response, runs = comparison.response, comparison.runs
+    return axis_unit(response, *(run.measured for run in runs)), axis_unit(response, *(run.residual for run in runs))
+
+
+def trace_of(comparison: Comparison, run: RunComparison) -> Trace:
+    """Return what drawings need of a run, in the unit of `units_of_axes`."""
+    scale = units.factor(units_of_axes(comparison)[0], comparison.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
     return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.noise_floor / scale)
 
@@ -291,7 +299,7 @@ def _where_text(comparison: Comparison) -> list[str]:
     if not comparison.unexplained:
         return ["Nothing is above the noise floor."]
     left = words.error(comparison.response, comparison.unexplained)
-    return [f"Unexplained is what is above the noise floor, {left} rms; every run counts by its mean square."]
+    return [f"The part of the error above the noise floor is {left} rms; every run counts by its mean square."]
 
 
 def _residual_text() -> list[str]:

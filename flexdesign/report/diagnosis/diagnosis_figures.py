@@ -16,12 +16,12 @@ from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.experiment_design.signature import names_kind as speaks_of
 from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.report import comparison_text as words
-from flexdesign.report.comparison_text import units_of
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis import comparison_report, response_pages
 from flexdesign.report.diagnosis import diagnosis_charts as drawings
 from flexdesign.report.diagnosis import diagnosis_text as prose
 from flexdesign.report.diagnosis import residual_charts as charts
-from flexdesign.report.diagnosis.residual_charts import Bars, Trace
+from flexdesign.report.diagnosis.residual_charts import Bars
 from flexdesign.report.document import Figure, Section
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def ladder_figure(residuals: ModelResiduals, rungs: Sequence[ErrorStep], noise_f
         )
         return Figure("ladder.svg", chart, caption)
     si = prose.response(residuals)
-    small = units_of(si)[1]
+    small = axis_unit(si, [rung.error for rung in rungs])
     factor = units.factor(small, si)
     steps = [drawings.Step(prose.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
     chart = drawings.error_ladder(steps, noise_floor / factor, words.error(si, noise_floor, 2), words.sign(small))
@@ -114,17 +114,17 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     """Draw validation runs, or the others if there are none, with the prediction of each model."""
     first = stands[0][1]
     validation_runs = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
-    large, small = units_of(first.response)
-    scale, factor = units.factor(large, first.response), finer(first.response)
-    labels = (f"{first.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]")
     made = []
     for name in validation_runs[:DRAWN]:
         runs = [next(run for run in fit.runs if run.name == name) for _, fit in stands]
         run = runs[0]
         there = np.logical_and.reduce([np.isfinite(each.measured) for each in runs])
+        large, small = axis_unit(first.response, run.measured), axis_unit(first.response, *(r.residual for r in runs))
+        scale, fine = units.factor(large, first.response), units.factor(small, first.response)
+        labels = (f"{first.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]")
         measured = run.measured[there] / scale
         predicted = [(s, each.predicted[there] / scale) for (s, _), each in zip(stands, runs, strict=True)]
-        chart = drawings.run_traces(run.time[there], measured, predicted, labels, factor)
+        chart = drawings.run_traces(run.time[there], measured, predicted, labels, scale / fine)
         made.append(Figure.of_traces(f"run_{name}.svg", chart, _run_caption(stands, runs)))
     return made
 
@@ -156,15 +156,16 @@ def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunCom
 
 def _picture(kind: str, fit: Comparison, name: str, suffix: str) -> Figure | None:
     """Draw one kind of picture of what a model leaves; None where the runs have nothing for it."""
-    large, small = (words.sign(unit) for unit in units_of(fit.response))
-    traces, factor = [_trace(fit, run) for run in fit.runs], finer(fit.response)
+    units_here = comparison_report.units_of_axes(fit)
+    scale, fine = (units.factor(unit, fit.response) for unit in units_here)
+    large, small = (words.sign(unit) for unit in units_here)
+    traces, factor = [comparison_report.trace_of(fit, run) for run in fit.runs], scale / fine
     chart: bytes | None
     if kind == "steps":
         chart = charts.since_step(traces, small, factor)
     elif kind == "position":
         chart = charts.over_position(traces, large, small, factor)
     else:
-        scale = units.factor(units_of(fit.response)[0], fit.response)
         frequencies = charts.octaves(traces)
         noise = [
             np.where(frequencies <= 0.5 / run.period, fit.noise.density(run, frequencies) / scale**2, np.nan)
@@ -184,7 +185,7 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         return []
     runs = [next(run for run in fit.runs if run.name == slow) for _, fit in stands]
     there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs]) & _last_turns(runs[0].command)
-    small = units_of(first.response)[1]
+    small = axis_unit(first.response, *(run.residual[there] for run in runs))
     scale = units.factor(small, first.response)
     left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
     chart = drawings.loop(runs[0].command[there], left, f"residual [{words.sign(small)}]")
@@ -209,18 +210,6 @@ def _bars(fit: Comparison) -> list[Bars]:
         for b in fit.where
         if b.by != "run" or len(b.parts) > 1
     ]
-
-
-def _trace(fit: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(units_of(fit.response)[0], fit.response)
-    period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
-    return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.noise_floor / scale)
-
-
-def finer(si: str) -> float:
-    """Return how many of the units for small things one for large things is."""
-    large, small = units_of(si)
-    return units.factor(large, si) / units.factor(small, si)
 
 
 def capital(text: str) -> str:

@@ -14,7 +14,7 @@ from flexdesign.diagnosis.comparison import RunComparison
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.estimation import Estimate
 from flexdesign.report import comparison_text as words
-from flexdesign.report.comparison_text import units_of
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.traces import Curve, Traces
 
@@ -53,7 +53,7 @@ def matches(identification: Identification) -> Table:
         for run in identification.runs
     ]
     columns = ["run", "role", "span", "rms error before", "rms error", "of span"]
-    return Table(columns, rows, "Measured less predicted, the offset of each run taken out")
+    return Table(columns, rows, "Measured minus predicted; the offset of each run is removed")
 
 
 def result(identification: Identification) -> dict[str, Any]:
@@ -205,14 +205,15 @@ def _remarks(identification: Identification) -> list[str]:
 
 
 def _figures(identification: Identification, run: RunComparison) -> list[Figure]:
-    large, small = units_of(identification.response)
-    scale, fine = units.factor(large, identification.response), units.factor(small, identification.response)
+    response, residual = identification.response, run.measured - run.predicted
+    large, small = axis_unit(response, run.measured), axis_unit(response, residual)
+    scale, fine = units.factor(large, response), units.factor(small, response)
     compared = np.isfinite(run.measured)
     t, measured = run.time[compared], run.measured[compared] / scale
-    left = (run.measured - run.predicted)[compared] / fine
+    left = residual[compared] / fine
     signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
     over_time = Traces(
-        [signal, [Curve("residual, measured less predicted", t, left)]],
+        [signal, [Curve("residual, measured minus predicted", t, left)]],
         "time [s]",
         [f"{identification.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"],
     )

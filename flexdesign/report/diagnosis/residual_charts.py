@@ -108,7 +108,7 @@ def spectrum(traces: Sequence[Trace], noise: Sequence[Array], frequencies: Array
     noise_floor = _mean(list(noise))
     for values, colour, label, style in (
         (measured, COLOURS[0], "measured", {"linewidth": 1.3, "alpha": 0.75}),
-        (left, COLOURS[1], "measured less predicted", {"linewidth": 1.8}),
+        (left, COLOURS[1], "measured minus predicted", {"linewidth": 1.8}),
         (noise_floor, NEUTRAL, "noise floor", {"linewidth": 1.4, "linestyle": (0, (4, 3))}),
     ):
         seen = np.isfinite(values) & (values > 0)
@@ -199,7 +199,7 @@ def over_position(traces: Sequence[Trace], unit: str, fine: str, factor: float) 
         axes.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(places, middle, color=colour, linewidth=1.8, label=label)
     axes.set_xlabel(f"position, predicted [{unit}]")
-    axes.set_ylabel(f"measured less predicted [{fine}]")
+    axes.set_ylabel(f"measured minus predicted [{fine}]")
     below(figure, axes, 3)
     return svg(figure)
 

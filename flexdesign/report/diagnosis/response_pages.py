@@ -14,7 +14,7 @@ from flexdesign.core.serialise import with_unit
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.report import comparison_text as words
-from flexdesign.report.comparison_text import units_of
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
 from flexdesign.report.document import Figure, Section, Table
 
@@ -88,15 +88,16 @@ def section(stands: Sequence[FittedModel], response: str, natural_frequency: flo
 
 def figures(stands: Sequence[FittedModel], response: str) -> list[Figure]:
     """Draw every frequency response with the prediction of each model."""
-    large = units_of(response)[0]
-    scale, made = units.factor(large, response), []
+    made = []
     for number, each in enumerate(stands[0][1]):
         there = np.isfinite(each.measured)
+        unit = axis_unit(response, np.abs(each.measured[there]))
+        scale = units.factor(unit, response)
         f = each.frequencies[there]
         lines = [Line("measured", f, each.measured[there] / scale, dots=True)]
         lines += [Line(name, f, responses[number].predicted[there] / scale) for name, responses in stands]
         coherence = None if each.coherence is None else each.coherence[there]
-        chart = measured_bode(lines, coherence, f"{words.sign(large)}/V")
+        chart = measured_bode(lines, coherence, f"{words.sign(unit)}/V")
         errors = ", ".join(f"{name} {units.significant(r[number].ratio, 3)}" for name, r in stands)
         made.append(Figure(f"bode_{each.name}.svg", chart, f"{each.name}: error over the noise: {errors}"))
     return made

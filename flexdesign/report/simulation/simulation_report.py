@@ -16,6 +16,7 @@ from flexdesign.dynamics.experiments.reading import stem
 from flexdesign.dynamics.experiments.simulation import Case, Simulation, group_by_axis, validity
 from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.report import published_rows, render
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.published_rows import ALONE, WORDS, who
 from flexdesign.report.simulation import simulation_figures
@@ -154,13 +155,14 @@ def digest(simulation: Simulation) -> Table:
 
 def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     cases = simulation.of(experiment)
-    cautions = [f"{who(case)}: {text}" for case in cases for text in case.cautions]
+    cautions = [f"Caution ({who(case)}): {text}" for case in cases for text in case.cautions]
     left = [s for s in simulation.skipped if s.experiment.name == experiment.name]
     skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in left]
-    paragraphs = [text for text in (experiment.note, *_join_cautions(cautions), *skipped) if text]
+    paragraphs = [text for text in (experiment.note, *dict.fromkeys(cautions), *skipped) if text]
     tables = [_measures_table(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
-    unit = simulation.model.axes[experiment.axes[0]].response_units.large
+    response = simulation.model.axes[experiment.axes[0]].response_units
+    unit = axis_unit(response, *(case.response.motion[case.row(axis)] for case in cases for axis in experiment.axes))
     figures = simulation_figures.draw(experiment, cases, unit)
     folded = len(simulation.plan.experiments) > UNFOLDED
     return Section(title, paragraphs, [t for t in tables if t.rows], figures, folded=folded, brief=_brief(cases))
@@ -179,10 +181,6 @@ def _brief(cases: Sequence[Case]) -> str:
     return "; ".join(texts[:3]) + ("; …" if len(texts) > 3 else "")
 
 
-def _join_cautions(cautions: Sequence[str]) -> list[str]:
-    return ["Beware. " + " ".join(dict.fromkeys(c[0].upper() + c[1:] for c in cautions))] if cautions else []
-
-
 def _measures_table(cases: Sequence[Case]) -> Table:
     """Return what was measured on the driven axes, a row for each run and axis."""
     if not cases:
@@ -199,8 +197,8 @@ def _measures_table(cases: Sequence[Case]) -> Table:
     caption = ""
     if "settling_time" in names and len({bool(case.pid) for case in cases}) > 1:
         caption = (
-            "Overshoot and settling: without feedback around where the motion comes to rest, whatever its steady "
-            "error; with feedback around the reference"
+            "Overshoot and settling are relative to the final position without feedback, and to the reference with "
+            "feedback"
         )
     return Table(["run", "axis", *(WORDS[name] for name in names)], rows, caption)
 
@@ -216,7 +214,7 @@ def _others(cases: Sequence[Case]) -> Table:
             if any(q.name == "coupling" for q in found):
                 coupled, ratio = case.measure(axis, "coupled_motion"), case.measure(axis, "coupling")
                 rows.append([who(case), axis, _text(coupled), _text(ratio)])
-    return Table(["run", "axis", "motion", "per driven motion"], rows, "Axes that should stand still")
+    return Table(["run", "axis", "motion", "per driven motion"], rows, "Motion of the axes that are not driven")
 
 
 def _loops(cases: Sequence[Case]) -> Table:
@@ -241,7 +239,9 @@ def _loops(cases: Sequence[Case]) -> Table:
     head = ["run", "axis", "Kp", "Ti", "Td", "sees reference", "gain margin", "phase margin", "Ms"]
     caption = "Closed loops: gains, and margins of the sampled loop at the stage's secant gain"
     if any(pid.kp < 0 < pid.kp / pid.ti for case in cases for pid in case.pid.values()):
-        caption += ". A negative Kp takes back what the sampled derivative adds in phase; Kp/Ti and Kp Td are positive"
+        caption += (
+            ". A negative Kp compensates the in-phase part of the sampled derivative; Kp/Ti and Kp Td are positive"
+        )
     return Table(head, rows, caption)
 
 

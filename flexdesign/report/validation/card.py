@@ -38,7 +38,7 @@ def facts(validation: Validation) -> list[Fact]:
     if design.actuator:
         preload = units.to_text(design.actuator.preload, "N") if design.actuator.preload else "none"
         lost = found.get("output_force_that_unloads_the_stack_no_voltage")
-        note = f"{replace(lost, half_width=None).formatted(3)} at the output uses it up" if lost else "of the actuator"
+        note = f"{replace(lost, half_width=None).formatted(3)} at the output unloads it" if lost else "of the actuator"
         card.append(Fact("preload", preload, note))
     return card
 

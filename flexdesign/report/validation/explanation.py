@@ -15,8 +15,8 @@ TITLE = "Where formulas and FEM differ, and why"
 METHOD = (
     "Each compliance, twice the strain energy under unit load, is split over the members: N²L/EA, V²L/κGA and the "
     "integral of M²/EI from the section forces, which are integrated from the FEM stresses along each hinge, arm and "
-    "rod, extrapolated like everything else. The remainder is what beam theory of the members "
-    "does not see: the roots, where a leaf's stress spreads into its neighbours, the blocks, and the stiffening of "
+    "rod, extrapolated like everything else. The remainder is the part that beam theory of the members "
+    "does not cover: the roots, where a leaf's stress spreads into its neighbours, the blocks, and the stiffening of "
     "wide leaves, which cannot contract sideways and count negative."
 )
 
@@ -27,7 +27,7 @@ def section(validation: Validation) -> Section:
         return Section(TITLE, ["The part names no members, so that the compliance is not split over them."])
     others = [why(validation, key) for key in validation.shares if key != "K_in_output_free"]
     chart = charts.shares(_percentages(validation), "% of FEM's compliance")
-    figure = Figure("compliance_shares.svg", chart, "Where FEM finds the compliance")
+    figure = Figure("compliance_shares.svg", chart, "Compliance by member, from FEM")
     lacking = [] if validation.formula_shares else ["The part does not state what the compliances of its formulas are."]
     return Section(
         TITLE,

@@ -23,8 +23,8 @@ TEXT = (
     "Effects may work against each other: roots make hinges softer, width makes them stiffer."
 )
 TOLERANCES = (
-    "What a part is off by within its tolerances, and what FEM is off by its mesh: bench and model differ only where "
-    "they differ by more than both, and the bench's own uncertainty, together (ASME V&V 20)."
+    "The tolerances of the part and the mesh of FEM each make the numbers uncertain. A measurement and the model "
+    "differ only if their difference exceeds both and the uncertainty of the measurement together (ASME V&V 20)."
 )
 
 
@@ -74,7 +74,7 @@ def _error_steps(hierarchy: ModelHierarchy, symbols: Mapping[str, str]) -> Table
         errors = [f"{100 * step_of_ladder.errors[key]:+.2f} %" for key in keys]
         rows.append([label, *errors, f"{100 * math.expm1(step_of_ladder.size):.2f} %", where])
     head = ["model", *(symbols[key] for key in keys), "all", "where it acts"]
-    return Table(head, rows, "Model over FEM, less one; K_in and λ with a free output, K_out with free inputs")
+    return Table(head, rows, "Model / FEM - 1; K_in and λ with a free output, K_out with free inputs")
 
 
 def _tolerances(validation: Validation | StageValidation, hierarchy: ModelHierarchy) -> Table:

@@ -27,10 +27,10 @@ def section(check: IndependentCheck | None) -> Section:
     if check is None or not check.found:
         return Section("An independent mesh", [] if check is None else [verdict(check)])
     text = (
-        "The report's own meshes are drawn out of a section; pytetwild makes tetrahedra from the surface alone. On one "
-        f"mesh of {check.unknowns} unknowns the error is estimated by recovery (Zienkiewicz and Zhu 1987): twice the "
-        "energy between averaged and computed stresses frees the values of it, and once that energy is what stays in "
-        f"doubt. It took {check.seconds:.0f} s; mesh.independent = false leaves it out."
+        "The report's own meshes are extruded from a section; pytetwild makes tetrahedra from the surface alone. On "
+        f"one mesh of {check.unknowns} unknowns the error is estimated by recovery (Zienkiewicz and Zhu 1987): the "
+        "values are corrected by twice the energy of the difference between averaged and computed stresses, and that "
+        f"energy is their uncertainty. It took {check.seconds:.0f} s; mesh.independent = false leaves it out."
     )
     rows = [
         [

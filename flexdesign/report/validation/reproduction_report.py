@@ -21,6 +21,14 @@ SECTIONS = (
     ("Tracking of one axis, Figs 14 to 17", ("P17", "P18")),
     ("Tracking of lines, Figs 18 and 19", ("P19", "P20")),
 )
+#: Verdicts behind their counts.
+COUNTED = {
+    "agrees": "agree",
+    "by construction": "agree by construction",
+    "contradictory": "are contradictory",
+    "not printed": "have no printed number",
+    "differs": "differ",
+}
 #: Of experiments, those whose figures are drawn, by the system they belong to.
 UNIT = "um"
 
@@ -40,26 +48,29 @@ def verdicts(reproduction: Reproduction) -> Table:
 
 
 def _summary(reproduction: Reproduction) -> list[str]:
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in reproduction.counted().items() if count)
+    counts = ", ".join(f"{count} {COUNTED[verdict]}" for verdict, count in reproduction.counted().items() if count)
     design = reproduction.stage.study.design
     return [
-        f"{len(reproduction.paper.printed)} printed numbers, and what the paper says in words, "
-        f"in {len(reproduction.items)} rows: {counts}.",
+        f"{len(reproduction.paper.printed)} printed numbers and the paper's statements in words make "
+        f"{len(reproduction.items)} rows: {counts}.",
         f"The paper prints no dimensions. The stage is {design.provenance}.",
-        _row_count(reproduction, "cannot be both"),
+        _row_count(reproduction, "contradictory"),
         _row_count(reproduction, "differs"),
     ]
 
 
 def _row_count(reproduction: Reproduction, verdict: str) -> str:
     named = [f"{item.system} {item.what}" for item in reproduction.items if item.verdict == verdict]
-    head = {"cannot be both": "What contradicts itself or mechanics", "differs": "What differs and nothing explains"}
-    return f"{head[verdict]}: {'; '.join(named) or 'nothing'}."
+    head = {
+        "contradictory": "Printed numbers that contradict each other or mechanics",
+        "differs": "Differences without an explanation",
+    }
+    return f"{head[verdict]}: {'; '.join(named) or 'none'}."
 
 
 def _section(reproduction: Reproduction, title: str, systems: tuple[str, ...]) -> Section:
     rows = [_row(item) for item in reproduction.items if item.system in systems]
-    table = Table(["", "what", "place", "paper", "ours", "verdict", "why"], rows)
+    table = Table(["item", "what", "place", "paper", "ours", "verdict", "why"], rows)
     plan = reproduction.experiments.plan
     experiments = [e for e in plan.experiments if e.name.partition(" ")[0] in systems]
     figures = [f for e in experiments for f in simulation_figures.draw(e, reproduction.experiments.of(e), UNIT)]
@@ -78,9 +89,9 @@ def _how(reproduction: Reproduction) -> Section:
         f"report. The experiments: {len(plan.experiments)}, in {len(reproduction.experiments.cases)} runs; flexdesign "
         f"simulate {reproduction.paper.model} {reproduction.paper.experiments} has theirs. All of it took "
         f"{units.to_text(reproduction.seconds, 's', 3)}.",
-        "A printed number is known to half a unit of its last digit; a measured motion to the sensor's resolution and "
-        "the slope of its nonlinearity besides; a result of finite elements to its estimated error. “Agrees” means "
-        "within the sum of these.",
+        "A printed number is known to half a unit of its last digit; a measured motion also to the sensor's resolution "
+        "and the slope of its nonlinearity; a result of finite elements to its estimated error. “Agrees” means within "
+        "the sum of these.",
     ]
     return Section("How", text)
 

@@ -251,7 +251,7 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
     ]
     if figures:
         text.append(
-            "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
+            "Colours run from rest (dark) to the largest motion (bright); the drawn size of a mode has no meaning."
         )
     states = zip(("no", "yes"), validation.modes, strict=True)
     rows = [_mode(validation, mode, state) for state, found in states for mode in found]

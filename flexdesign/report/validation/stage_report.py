@@ -202,11 +202,11 @@ def _meshes(validation: StageValidation) -> Section:
     scatter = convergence.describe(validation.scatter)
     text = (
         "Each kind of part is meshed once, on its fundamental domain, and condensed to its ports. On the finest mesh "
-        f"the whole stage would have {whole / 1e6:.3g} million unknowns, its bodies left out; put together from "
+        f"the whole stage would have {whole / 1e6:.3g} million unknowns, without its bodies; assembled from "
         f"condensed parts it has {small}. {scatter} Wall time of this run: {validation.seconds:.0f} s."
     )
-    columns = ["mesh", "part", "elements", "method", "unknowns × images", "amplitudes", "mesh gate", "time"]
-    caption = "Mesh gate: the largest deviation of a hinge's thickness on the mesh from that drawn"
+    columns = ["mesh", "part", "elements", "method", "unknowns × images", "amplitudes", "mesh check", "time"]
+    caption = "Mesh check: the largest deviation of a hinge's thickness on the mesh from that drawn"
     return Section("Meshes and checks", [text], [Table(columns, rows, caption)])
 
 

@@ -64,8 +64,8 @@ def _points(validation: Validation) -> str:
     return (
         "The six motions are those of the rigid body that follows the output's face; rotations are about the axes x, "
         f"y, z, right-handed. {looks or 'A study that names output.sensor gets those of that point, too'}. "
-        "Displacements are small. What an actuator off its axis does is from the meshes that were solved for every "
-        "symmetry class: of three or more the coarser ones. A bare 0 is one by symmetry."
+        "Displacements are small. The numbers for an actuator off its axis come from the meshes that were solved for "
+        "every symmetry class: of three or more, the coarser ones. A 0 without digits is zero by symmetry."
     )
 
 

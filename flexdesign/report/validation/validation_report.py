@@ -190,8 +190,8 @@ def _actuator(validation: Validation) -> Section:
         f"{actuator.name}: free stroke {units.to_text(actuator.free_stroke, 'um', si='m')}, stack and seats in series "
         f"{units.to_text(actuator.installed_stiffness, 'N/um', si='N/m')}, "
         f"preload {units.to_text(actuator.preload, 'N')}. Along the load line the energised stage is a spring of "
-        "stiffness K_out with the actuator installed. An output force beyond the one that uses up the preload parts "
-        "the stack from its seats."
+        "stiffness K_out with the actuator installed. A larger output force than the one that uses up the preload "
+        "separates the stack from its seats."
     )
     figure = Figure("load_line.svg", drawing, "Load lines; the one at full voltage ends at the blocked force")
     return Section("With the actuator", [text], [Table(["quantity", "boundary", "FEM"], rows)], [figure])
@@ -224,9 +224,9 @@ def _large(validation: Validation) -> Section:
     text = (
         "Large displacements, followed in steps of force on the coarsest mesh, from rest without preload: as the arms "
         "turn, stiffnesses and amplification change. Each row has the tangents there. The stroke is the extrapolated "
-        f"linear one times {large.full_stroke / large.linear_stroke:.5g}, what large displacements make of it on that "
-        "mesh. The stage model carries what follows as quadratic and cubic stiffness and as a slope of the "
-        "amplification."
+        f"linear one times {large.full_stroke / large.linear_stroke:.5g}, the ratio of the nonlinear to the linear "
+        "stroke on that mesh. The stage model contains these changes as quadratic and cubic stiffness and as a slope "
+        "of the amplification."
     )
     columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
     drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
@@ -246,9 +246,7 @@ def _stress(validation: Validation) -> Section:
         strength_text.peak(validation),
     ]
     if not validation.has_members:
-        text[-2] = (
-            "The part names no members, so that no nominal stress is stated; the peak is that on its thin regions."
-        )
+        text[-2] = "The part names no members, so no nominal stress is stated; the peak is that on its thin regions."
     tables = [Table(["quantity", "at", "FEM"], rows)]
     if validation.has_members:
         tables.append(strength_text.energies(validation))
@@ -317,8 +315,8 @@ def _mesh(validation: Validation) -> Section:
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
     tables = [
         Table(head, rows, "As solved, before extrapolation"),
-        Table(exact, checks, "Relative errors of what must hold exactly"),
-        Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh gate: thickness measured on the finest mesh"),
+        Table(exact, checks, "Relative errors of identities that must hold exactly"),
+        Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh check: thickness measured on the finest mesh"),
     ]
     return Section("Meshes and checks", [text], tables)
 
@@ -346,7 +344,7 @@ def _index(validation: Validation) -> str:
     return (
         f"For {name} the finest mesh is {100 * (limit.finest / limit.value - 1):+.2f} % off the extrapolated value; "
         f"its grid convergence index (Roache, lowest order, safety factor 1.25) is {100 * limit.gci:.2g} %, the order "
-        f"seen on the three finest meshes {order}."
+        f"observed on the three finest meshes {order}."
     )
 
 

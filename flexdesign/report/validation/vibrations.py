@@ -35,7 +35,7 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
     ]
     if figures:
         text.append(
-            "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
+            "Colours run from rest (dark) to the largest motion (bright); the drawn size of a mode has no meaning."
         )
     extrapolated = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
     limits = [[name_of(q), q.boundary, format_quantity(q)] for q in extrapolated if q.name in LIMITS]

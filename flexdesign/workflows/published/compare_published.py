@@ -22,7 +22,7 @@ Progress = Callable[[str], None]
 Verdict = Literal["agrees", "explained", "differs"]
 #: What each verdict means.
 VERDICTS: dict[Verdict, str] = {
-    "agrees": "both lie within what is known of them",
+    "agrees": "the numbers agree within the uncertainty",
     "explained": "they differ, and named effects that the published number leaves out close the gap",
     "differs": "they differ, and no effect of the catalogue closes the gap",
 }

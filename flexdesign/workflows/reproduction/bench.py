@@ -161,7 +161,7 @@ def _tuning(paper: Publication) -> Iterator[Item]:
         uses = tuple((n.place, n.name) for n in (kp, ti, td, gain, t1, t2, period))
         yield Item(
             "P15", f"Kp of {label} by Ziegler and Nichols on (31)", "eq (34)", kp.text, units.significant(own.kp, 4),
-            "cannot be both",
+            "contradictory",
             f"(31) has real poles, damping ratio {plant.damping_ratio:.3f}; (34) belongs to a plant that rings: "
             f"{text}. It does not distinguish added mass from loop delay",
             uses,
@@ -202,7 +202,7 @@ def _steps(paper: Publication, found: Simulation) -> Iterator[Item]:
         met = saved[name] > shorter.value("1")
         yield Item(
             "P16", f"settling time saved by PID, {'gains of (34)' if name == 'printed' else 'tuned for robustness'}",
-            FIG_13, f"more than {shorter.text}", f"{100 * saved[name]:.0f} %", "agrees" if met else "cannot be both",
+            FIG_13, f"more than {shorter.text}", f"{100 * saved[name]:.0f} %", "agrees" if met else "contradictory",
             "" if met else why, ((shorter.place, shorter.name),),
         )  # fmt: skip
 

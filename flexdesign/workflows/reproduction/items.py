@@ -11,14 +11,14 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.printed_numbers import Printed
 
-Verdict = Literal["agrees", "by construction", "cannot be both", "not printed", "differs"]
+Verdict = Literal["agrees", "by construction", "contradictory", "not printed", "differs"]
 #: What each verdict means.
 VERDICTS: Mapping[Verdict, str] = {
-    "agrees": "ours is a result, and lies within what is known of both",
-    "by construction": "ours was set, fitted or sized to the printed number, or is computed from what was",
-    "cannot be both": "two printed numbers, or a printed number and mechanics, contradict each other; the row says why",
-    "not printed": "the paper prints no number that ours could be compared with",
-    "differs": "ours is a result, lies outside of what is known of both, and no contradiction explains it",
+    "agrees": "our number is a result and agrees within the uncertainty of both",
+    "by construction": "our number was set, fitted or sized to the printed number, or follows from one that was",
+    "contradictory": "two printed numbers, or a printed number and mechanics, contradict each other; the row says why",
+    "not printed": "the paper prints no number to compare ours with",
+    "differs": "our number is a result and differs by more than the uncertainty of both; no contradiction explains it",
 }
 
 
@@ -39,7 +39,7 @@ class Item:
     verdict
         One of `VERDICTS`.
     why
-        What makes the verdict; never empty where two cannot be both.
+        What makes the verdict; never empty for a contradiction.
     uses
         Places and names of the printed numbers that enter.
     """
@@ -91,7 +91,7 @@ def compare(
         return Item(system, what, theirs.place, text, "–", "not printed", why, uses)
     allowed = theirs.half_digit(ours.si) + known + (ours.half_width or 0.0)
     gap = ours.value - theirs.value(ours.si)
-    relative = f"{100 * gap / theirs.value(ours.si):+.2f} %"
+    relative = f"{round(100 * gap / theirs.value(ours.si), 2) + 0.0:+.2f} %"
     # Sizing and fitting meet a printed number to a percent or better, not to the last digit.
     if built and abs(gap) <= max(allowed, 0.016 * theirs.value(ours.si)):
         verdict: Verdict = "by construction"
@@ -99,7 +99,7 @@ def compare(
     elif math.isfinite(gap) and abs(gap) <= allowed:
         verdict, why = "agrees", f"off by {relative}"
     elif why:
-        verdict, why = "cannot be both", f"off by {relative}: {why}"
+        verdict, why = "contradictory", f"off by {relative}: {why}"
     else:
         verdict, why = "differs", f"off by {relative}"
     return Item(system, what, theirs.place, text, in_unit_of(ours, theirs).formatted(), verdict, why, uses)
@@ -133,7 +133,7 @@ def contradiction(
     uses = tuple((number.place, number.name) for number, _ in numbers)
     places = "; ".join(dict.fromkeys(number.place for number, _ in numbers))
     first, second = (f"{units.significant(value, 5)} {unit}".rstrip() for value in (one, other))
-    verdict: Verdict = "agrees" if agrees else "cannot be both"
+    verdict: Verdict = "agrees" if agrees else "contradictory"
     return Item(system, what, places, first, second, verdict, "to the digits printed" if agrees else why, uses)
 
 
