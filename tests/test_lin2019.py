@@ -304,7 +304,7 @@ def test_the_report_sets_published_numbers_beside_ours(found: Simulation, report
     rows = [line for line in report.splitlines() if line.startswith("| P16 |")]
     assert any("< 200 ms" in row and "beyond it" in row for row in rows)
     rows = [line for line in report.splitlines() if line.startswith("| P8 ")]
-    assert len(rows) == 4 and all("none: the stage was set to it" in row for row in rows)
+    assert len(rows) == 4 and all("used to set the model" in row for row in rows)
     assert "x, y, z: assumed, neither measured nor computed: bouc_wen, actuator.voltage_range." in report
     listed = {(e.name, p.measure) for e in found.plan.experiments for p in e.published}
     compared = {

@@ -181,7 +181,9 @@ def test_unstable_gains_are_named_and_the_others_run(tmp_path: Path) -> None:
     assert (alone.response.diverged, tame.response.diverged) == (None, None)
     assert wild.measures == {} and alone.measures and tame.measures
     text = report(found)
-    assert re.search(r"Wild: x: unstable: the closed loop has a pole of modulus [\d.]+, a motion at \d+", text)
+    assert re.search(
+        r"Caution \(wild\): x: unstable: the closed loop has a pole of modulus [\d.]+, a motion at \d+", text
+    )
     assert "gains must fall by a factor of more than" in text
     stopped = re.search(r"the motion runs away: the simulation stopped at ([\d.]+) s", text)
     assert stopped and float(stopped[1]) == pytest.approx(wild.response.diverged, rel=0.005)
@@ -210,7 +212,7 @@ def test_an_unstable_loop_within_limits_is_measured_and_named(tmp_path: Path) ->
     assert wild.response.diverged is None
     assert measured(wild, "settling_time") == math.inf
     text = report(found)
-    assert "Wild: x: unstable" in text and "Wild: x: limits cut the command" in text
+    assert "(wild): x: unstable" in text and "(wild): x: limits cut the command" in text
     assert "| never |" in next(line for line in text.splitlines() if line.startswith("| wild |"))
 
 
@@ -268,7 +270,7 @@ def test_a_closed_loop_at_its_limits_is_said_with_share_and_first_moment(tmp_pat
 def test_bouc_wen_outside_of_its_bounds_is_warned_about(tmp_path: Path, c: str, warned: bool) -> None:
     model = LINEAR + HYSTERESIS.replace("0.005", c) + RANGE
     found = simulated(tmp_path, model, experiment(SINE))
-    said = "Open loop: x: Bouc-Wen with b = 0.02 below |c| = 0.03: the loop is neither bounded nor dissipative"
+    said = "(open loop): x: Bouc-Wen with b = 0.02 below |c| = 0.03: the loop is neither bounded nor dissipative"
     assert (said in report(found)) == warned
 
 
@@ -321,7 +323,7 @@ def test_a_number_that_the_stage_was_set_to_proves_nothing(tmp_path: Path) -> No
     free = verdicts(simulated(tmp_path, LINEAR, study))
     held = verdicts(simulated(tmp_path, LINEAR + 'fitted = ["loop_span"]\n', study))
     assert free["loop span, x: open loop"].endswith("within ±")
-    assert held["loop span, x: open loop"] == "none: the stage was set to it"
+    assert held["loop span, x: open loop"] == "used to set the model"
 
 
 def test_an_axis_set_to_what_is_no_measure_is_refused(tmp_path: Path) -> None:
@@ -355,7 +357,7 @@ def test_the_damping_that_a_published_settling_takes_gives_it(tmp_path: Path) ->
     study = experiment(slow, compared("settling_time", "400 ms"))
     guessed = LINEAR + 'assumed = ["damping_ratio"]\n'
     text = report(simulated(tmp_path, guessed, study))
-    said = re.search(r"400 ms of x at 100\.0 Hz take a ratio of ([\d.]+); it has 0\.100 \(as modelled, assumed\)", text)
+    said = re.search(r"of 400 ms at 100\.0 Hz needs a ratio of ([\d.]+); the model has 0\.100 \(assumed\)", text)
     assert said
     with_it = simulated(tmp_path, LINEAR.replace("0.1\n", f"{said[1]}\n"), study).cases[0]
     assert measured(with_it, "settling_time") == pytest.approx(0.4, abs=5e-3)

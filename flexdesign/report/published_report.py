@@ -14,8 +14,9 @@ from flexdesign.workflows.published import Compared, Mechanism, PublishedMechani
 from flexdesign.workflows.published.compare_published import VERDICTS
 
 HEAD = ("quantity", "place", "published", "ours", "difference", "uncertainty", "verdict", "what closes the gap")
-#: Verdicts of several numbers.
-PLURAL = {"agrees": "agree", "explained": "explained", "differs": "differ"}
+#: Verdicts of one number and of several.
+SINGULAR = {"explained": "is explained"}
+PLURAL = {"agrees": "agree", "explained": "are explained", "differs": "differ"}
 #: Numbers on the axis of the picture [%]; it is linear between the first two.
 TICKS = (0, 1, 3, 10, 30, 100, 300, 1000)
 
@@ -23,7 +24,7 @@ TICKS = (0, 1, 3, 10, 30, 100, 300, 1000)
 def document(published: PublishedMechanisms) -> Document:
     """Return the report."""
     texts = ", ".join(
-        f"{count} {verdict if count == 1 else PLURAL[verdict]}"
+        f"{count} {SINGULAR.get(verdict, verdict) if count == 1 else PLURAL[verdict]}"
         for verdict, count in published.counted().items()
         if count
     )
@@ -126,7 +127,7 @@ def _closing(row: Compared) -> str:
     texts = [row.number.note[:1].upper() + row.number.note[1:]] if row.number.note else []
     if alone:
         change = _percent(row.neglected[""])
-        texts.append(f"What it neglects changes the compliance model by {change}: without {', '.join(alone)}")
+        texts.append(f"The effects that it neglects change the compliance model by {change}: {', '.join(alone)}")
     return ". ".join(texts) or "–"
 
 

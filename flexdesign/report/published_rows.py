@@ -150,7 +150,7 @@ def _takes(simulation: Simulation, case: Case, compared: Compared) -> str:
     damping = -math.log(BAND) / (2 * math.pi * axis.natural_frequency * compared.published.si)
     guessed = "damping_ratio" in axis.assumed and axis.damping_ratio == modelled.damping_ratio
     return (
-        f"{compared.axis}, {case.variant}: {compared.published.value} at "
-        f"{units.to_text(axis.natural_frequency, 'Hz')} need a ratio of {units.significant(damping, 3)}; the model has "
-        f"{units.significant(axis.damping_ratio, 3)}{' (assumed)' if guessed else ''}."
+        f"{compared.axis}, {case.variant}: a settling time of {compared.published.value} at "
+        f"{units.to_text(axis.natural_frequency, 'Hz')} needs a ratio of {units.significant(damping, 3)}; the model "
+        f"has {units.significant(axis.damping_ratio, 3)}{' (assumed)' if guessed else ''}."
     )

@@ -11,15 +11,26 @@ from flexdesign.dynamics.experiments.reading import stem
 from flexdesign.dynamics.experiments.simulation import Case
 from flexdesign.dynamics.trajectories import Sine, Square, Step, Triangle
 from flexdesign.report import comparison_text as words
+from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.document import Figure
 from flexdesign.report.traces import Curve, Traces
 
 
-def draw(experiment: Experiment, cases: Sequence[Case], unit: str) -> list[Figure]:
-    """Draw the loop where there is one, and the motion over time in a unit, each variant in a drawing of its own."""
+def draw(experiment: Experiment, cases: Sequence[Case], response: str) -> list[Figure]:
+    """Draw the loop where there is one, and the motion over time, each variant in a drawing of its own.
+
+    Parameters
+    ----------
+    experiment, cases
+        The experiment and its runs.
+    response
+        SI unit of the motion, which may know the unit to write it in.
+    """
     figures: list[Figure] = []
     for variant in dict.fromkeys(case.variant for case in cases):
         of_variant = [case for case in cases if case.variant == variant]
+        motions = [case.response.motion[case.row(axis)] for case in of_variant for axis in experiment.axes]
+        unit = axis_unit(response, *motions)
         words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
         name = stem(words)
         sentences = "" if variant == AS_MODELLED else f", {variant}"

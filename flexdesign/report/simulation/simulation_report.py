@@ -16,7 +16,6 @@ from flexdesign.dynamics.experiments.reading import stem
 from flexdesign.dynamics.experiments.simulation import Case, Simulation, group_by_axis, validity
 from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.report import published_rows, render
-from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.published_rows import ALONE, WORDS, who
 from flexdesign.report.simulation import simulation_figures
@@ -107,7 +106,8 @@ def _summary(simulation: Simulation) -> list[str]:
     cases = simulation.cases
     unstable = [case for case in cases if case.response.diverged is not None]
     answer = published_rows.agreement(simulation) or _best_tracking(simulation)
-    text = f"{len(simulation.plan.experiments)} experiments, {len(cases)} runs"
+    count = len(simulation.plan.experiments)
+    text = f"{count} experiment{'s' * (count != 1)}, {len(cases)} run{'s' * (len(cases) != 1)}"
     worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
     text += f"; the largest estimated integration error is {worst:.0e} of a run's span."
     paragraphs = [answer, text, simulation.plan.note, *group_by_axis(validity(simulation.model))]
@@ -162,8 +162,7 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     tables = [_measures_table(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
     response = simulation.model.axes[experiment.axes[0]].response_units
-    unit = axis_unit(response, *(case.response.motion[case.row(axis)] for case in cases for axis in experiment.axes))
-    figures = simulation_figures.draw(experiment, cases, unit)
+    figures = simulation_figures.draw(experiment, cases, response)
     folded = len(simulation.plan.experiments) > UNFOLDED
     return Section(title, paragraphs, [t for t in tables if t.rows], figures, folded=folded, brief=_brief(cases))
 
@@ -230,13 +229,13 @@ def _loops(cases: Sequence[Case]) -> Table:
                     f"{units.significant(pid.kp * 1e-6, 4)} V/um",
                     units.to_text(pid.ti, "ms", 4, si="s") if math.isfinite(pid.ti) else "none",
                     units.to_text(pid.td, "ms", 4, si="s"),
-                    "all" if pid.proportional_weight and pid.derivative_weight else "I",
+                    "P, I, D" if pid.proportional_weight and pid.derivative_weight else "I",
                     units.significant(m.gain_margin, 3) if m.stable else "unstable",
                     f"{units.significant(m.phase_margin, 3)} deg" if m.stable else "",
                     units.significant(m.ms, 3) if m.stable else "",
                 ]
             )
-    head = ["run", "axis", "Kp", "Ti", "Td", "sees reference", "gain margin", "phase margin", "Ms"]
+    head = ["run", "axis", "Kp", "Ti", "Td", "reference enters", "gain margin", "phase margin", "Ms"]
     caption = "Closed loops: gains, and margins of the sampled loop at the stage's secant gain"
     if any(pid.kp < 0 < pid.kp / pid.ti for case in cases for pid in case.pid.values()):
         caption += (

@@ -6,6 +6,7 @@ from typing import Any
 
 from flexdesign.core import units
 from flexdesign.core.serialise import header
+from flexdesign.dynamics.stage_model import ResponseUnits
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.simulation import simulation_figures
 from flexdesign.workflows.reproduction import VERDICTS, Item, Reproduction
@@ -29,8 +30,8 @@ COUNTED = {
     "not printed": "have no printed number",
     "differs": "differ",
 }
-#: Of experiments, those whose figures are drawn, by the system they belong to.
-UNIT = "um"
+#: The unit of the paper's figures.
+RESPONSE = ResponseUnits("m", "um")
 
 
 def document(reproduction: Reproduction) -> Document:
@@ -73,7 +74,7 @@ def _section(reproduction: Reproduction, title: str, systems: tuple[str, ...]) -
     table = Table(["item", "what", "place", "paper", "ours", "verdict", "why"], rows)
     plan = reproduction.experiments.plan
     experiments = [e for e in plan.experiments if e.name.partition(" ")[0] in systems]
-    figures = [f for e in experiments for f in simulation_figures.draw(e, reproduction.experiments.of(e), UNIT)]
+    figures = [f for e in experiments for f in simulation_figures.draw(e, reproduction.experiments.of(e), RESPONSE)]
     return Section(title, [], [table], figures, gallery=True)
 
 

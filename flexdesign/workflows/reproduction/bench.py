@@ -131,7 +131,7 @@ def _cross_coupling(paper: Publication, found: Simulation) -> Iterator[Item]:
         known = motion_uncertainty(paper, aside.value("m")) / along.value("m")
         ours = measure(case(found, name), to, "coupling")
         turned = math.degrees(math.atan(number.value("1") - ours.value))
-        why = f"(25) is all that couples here; a sensor {turned:.1f}° off its axis reads as much as is printed"
+        why = f"the model couples by (25) alone; a sensor {turned:.1f}° off its axis would read the printed coupling"
         what = f"coupling {driven.upper()}–{to.upper()}, (25) at 40 um"
         yield compare("P11", what, number, ours, known=known, why=why, also=[paper(FIG_9, "frequency")])
         ratio = aside.value("m") / along.value("m")
@@ -219,7 +219,7 @@ def _square(paper: Publication, found: Simulation) -> Iterator[Item]:
         error = paper(FIG_14, f"error_{suffix}")
         yield Item(
             "P17", f"error of {label}, model against bench", error.place, error.text, "–", "not printed",
-            "their recording is not printed, and so nothing that our model could be compared with",
+            "their recording is not printed, so our model cannot be compared with it",
             ((error.place, error.name), (FIG_14, "input"), (FIG_14, "frequency")),
         )  # fmt: skip
     text = " and ".join(f"{label} {100 * share:.0f} %" for label, share in rings.items())
@@ -247,8 +247,8 @@ def _sine(paper: Publication, found: Simulation) -> Iterator[Item]:
         error, share = (paper(FIG_16, f"{name}_{suffix}") for name in ("error", "relative"))
         yield Item(
             "P18", f"largest error of {label}, model against bench", error.place, error.text, "–", "not printed",
-            f"their recording is not printed; {measure(one, axis, 'max_error').formatted(3)} is ours, "
-            "reference to motion",
+            f"their recording is not printed; our largest error, motion minus reference, is "
+            f"{measure(one, axis, 'max_error').formatted(3)}",
             ((error.place, error.name), (FIG_16, "input"), (FIG_16, "frequency")),
         )  # fmt: skip
         yield _implied_range("P18", label, error, share, paper(FIG_9, f"travel_{axis}"))
@@ -277,7 +277,7 @@ def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
     why = (
         f"with the coupling of Figs 9 to 11 it is {worst['coupled as measured']['feedforward'].formatted(3)} without "
         f"feedback and {worst['coupled as measured']['feedforward + printed'].formatted(3)} with it: feedback on the "
-        "axes would have taken away what Fig 19 blames on coupling, unless what couples is the sensor"
+        "axes would have removed the coupling that Fig 19 names as the cause, unless the sensor itself couples"
     )
     known = motion_uncertainty(paper, error.value("m"))
     yield compare(

@@ -152,9 +152,9 @@ def _ceiling(paper: Publication, found: StageValidation) -> str:
     body, rest = (units.to_text(k, k_out.unit, digits, si="N/m") for k, digits in ((own, 3), (load, 2)))
     at_body, at_rest = (units.to_text(k, k_in.unit, 4, si="N/m") for k in (at["own"], at["left"]))
     return (
-        f"K_in rises with what the output pushes against. (17) makes it {at_body} against K_b = {body}. A stage of "
-        f"K_out = {k_out.text} leaves {rest} in addition to the amplifier, against which (17) makes it {at_rest}; "
-        f"elasticity that (17) leaves out only softens it. No stage of this kind has {k_in.text}"
+        f"K_in rises with the stiffness that the output pushes against. By (17) it is {at_body} against K_b = {body}. "
+        f"In a stage of K_out = {k_out.text} an amplifier pushes against {rest}, and by (17) K_in is {at_rest}; the "
+        f"elasticity that (17) neglects only lowers it. No stage of this kind has {k_in.text}"
     )
 
 
@@ -198,8 +198,8 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
         fem = found.fem(f"coupling_{to}_{axis}_input_of_40_um")
         turned = math.degrees(math.atan(printed.value("1") - fem.value))
         why = (
-            f"a stage as drawn couples by the second order alone; a sensor {turned:.1f}° off its axis, or a table "
-            "mounted so, reads as much as is printed"
+            f"the stage as drawn couples only in second order; a sensor {turned:.1f}° off its axis, or a table mounted "
+            "at that angle, would read the printed coupling"
         )
         what = f"coupling {axis.upper()}–{to.upper()} at 40 um, FEM"
         yield compare("P11", what, printed, fem, known=known, why=why, also=(aside, along))
