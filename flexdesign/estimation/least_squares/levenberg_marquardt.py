@@ -136,7 +136,7 @@ def solve(
     x = np.clip(start, problem.where.lower, problem.where.upper)
     if (residuals := problem.residuals(x)) is None:
         return None
-    search = _Search(problem, x, residuals, old, small)
+    search = _Search(problem, x, residuals, old, small, may_hold=effort.is_exact)
     if not effort.jacobians:
         search.fresh = True  # where a step fails it is made shorter
         search.descend(effort.share)
@@ -167,13 +167,23 @@ def refine_minimum(solution: Solution, small: float) -> Solution:
 class _Search:
     """Where a search stands: a point, its residuals, and a Jacobian that was computed there or updated."""
 
-    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        x: Array,
+        residuals: list[Array],
+        old: Columns | None,
+        small: float,
+        *,
+        may_hold: bool = True,
+    ) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
         self.looked = 0
         parameters = problem.where.parameters
         self.kinked = np.array([bool(parameter.run and parameter.screen) for parameter in parameters], dtype=bool)
-        self.has_shared = any(not parameter.run for parameter in parameters)
+        # A rough fit only ranks candidates: other steps would cost it more simulations than they change its cost.
+        self.may_hold = may_hold and any(not parameter.run for parameter in parameters)
         self.held, self.is_released = np.zeros(len(x), dtype=bool), False
         self.update_jacobian(old)
         self.fresh = not old
@@ -230,7 +240,7 @@ class _Search:
         coordinates are then moved by themselves, until they have converged (block coordinate descent: Bertsekas,
         Nonlinear Programming, section 3.7).
         """
-        if self.held.any() or not self.kinked.any() or not self.has_shared:
+        if self.held.any() or not self.kinked.any() or not self.may_hold:
             return False
         self.held = self.kinked.copy()
         return True
