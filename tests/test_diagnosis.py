@@ -253,6 +253,19 @@ def test_what_remains_beside_a_named_effect_is_stated() -> None:
     assert judged(about, first, fit(about, added=[creep(about)])).remainder_rms == 0.0
 
 
+def test_what_explains_all_but_with_numbers_at_their_ends_is_stated() -> None:
+    """Then nothing is named, and the remainder is that of the calibrated model."""
+    about = data()
+    added = effect(about, "coulomb_friction")
+    first, final = fit(about, MUCH, MUCH), fit(about, added=[added], moved={"coulomb_friction.level": 1e-3})
+    assert final.at_bound() == ["coulomb_friction.level"]
+    found = judged(about, first, final)
+    assert (found.verdict, found.effects) == ("unknown", ())
+    assert found.remainder_rms == pytest.approx(math.sqrt(MUCH - 1) * NOISE)
+    explained = "coulomb_friction would explain it with coulomb_friction.level at the end of what is plausible"
+    assert found.remainder == f"31.6 times the noise remains; {explained}"
+
+
 def test_of_two_effects_the_first_is_named_where_the_second_explains_little() -> None:
     about = data()
     one, other = creep(about), effect(about, "quadratic_stiffness")

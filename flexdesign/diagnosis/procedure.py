@@ -41,7 +41,8 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import BETTER, INDISTINGUISHABLE, WORSE
 from flexdesign.estimation.model_selection.calibration import calibrate, evaluate_design
-from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
+from flexdesign.estimation.model_selection.confounding import confusable
+from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined, relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -55,7 +56,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, confusable, select, select_otherwise
+from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, select, select_otherwise
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
@@ -121,7 +122,9 @@ def diagnose(
             history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
         left = _sparse_model(data, task, history.final)
-        verdict, named = decide(data, history, left, partial(_is_better_smooth, data, task))
+        verdict, named = decide(
+            data, history, left, partial(_is_better_smooth, data, task), partial(relevant_ends, task)
+        )
         named, fixed = drop_undetermined(task, named)
         if verdict == "effects-found" and not named.effects:
             verdict, named = "unknown", history.calibration
@@ -129,7 +132,7 @@ def diagnose(
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
         groups = confusable(task, named, history.steps)
         beyond = conflicts(data, named)
-        is_done = is_adequate(data, history.final, left)
+        is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, left)
         implied_effects = [c for c in beyond if c.named is not None and (is_done or explains(data, task, named, c))]
         progress("predicting the test runs")
         scored = [run for run in data.runs if run.name in data.scored]

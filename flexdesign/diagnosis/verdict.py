@@ -13,7 +13,7 @@ from flexdesign.diagnosis.comparison import reversal
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.remainder import describe, is_adequate, remainder
+from flexdesign.diagnosis.remainder import describe, describe_unnamed, is_adequate, remainder
 from flexdesign.diagnosis.result import (
     CandidateRecord,
     Diagnosis,
@@ -43,6 +43,7 @@ def decide(
     history: SelectionHistory,
     left: SparseModel,
     is_better_smooth: Callable[[FittedModel, FittedModel], bool],
+    ends: Callable[[FittedModel], Sequence[str]] = FittedModel.at_bound,
 ) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
@@ -57,15 +58,17 @@ def decide(
         What was diagnosed, how it went, and what smooth functions explain of the residual of the last fit.
     is_better_smooth
         Tells for the calibrated model and one with effects whether smooth functions do better than these.
+    ends
+        Returns the numbers of a fit that are at the end of what is plausible, where that speaks against it.
     """
     every = levels(history)
-    if is_adequate(data, history.final, left) and not history.final.at_bound():
+    if is_adequate(data, history.final, left) and not ends(history.final):
         return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibration)
     rests = np.array([_unexplained_squares(data, fit) for fit in every])
     added = np.maximum(np.diff([[len(fit.effects)] for fit in every], axis=0), 1)
     for named in range(len(every) - 1, 0, -1):
         is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * added[:named] * rests[named])
-        if is_large and not every[named].at_bound() and not is_better_smooth(every[0], every[named]):
+        if is_large and not ends(every[named]) and not is_better_smooth(every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", history.calibration
 
@@ -112,6 +115,8 @@ def reach_verdict(
     final, (nominal, calibration, *_) = error_ladder[-1], error_ladder
     is_noise = is_adequate(data, history.final, left)
     doubt = "" if is_noise else describe(data, remainder(data, history.final), left)
+    if is_noise and not {*history.final.names} <= {*final.names}:
+        is_noise, doubt = False, describe_unnamed(data, remainder(data, final), history.final)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
     effects = tuple(
         with_runs(_identified_effects(data, error_ladder[1:], name, values), by_run or {}) for name in final.names

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from flexdesign.estimation.model_selection import determination
-from flexdesign.estimation.model_selection.determination import hold_undetermined
+from flexdesign.estimation.model_selection.determination import hold_undetermined, relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -90,3 +91,20 @@ def test_a_strength_is_never_held() -> None:
     alone = candidate("d")
     found = fit_with(about, [alone])
     assert hold_undetermined(about, found) == (found, ())
+
+
+@pytest.mark.parametrize(("tolerance", "relevant"), [(0.5, []), (0.1, ["d.more"])])
+def test_an_end_is_relevant_where_its_number_moves_a_prediction(tolerance: float, relevant: list[str]) -> None:
+    """A factor e on 0.15 of a column moves the prediction by 0.26; the strength itself may end nowhere."""
+
+    def shape(v: Any, run: Any) -> Array:
+        return np.asarray(v["d"] * (column(run, "d") + v["d.more"] * column(run, "other")))
+
+    more = parameter("d.more", 1.0, 0.5, 50.0, scale="log")
+    added = Candidate("d", lambda m: as_sum(m).plus(shape, strength("d"), more), "d", ("d", "d.more"), ({"d": 0.1},))
+    about = task({"d": STRENGTH}, tolerance=tolerance)
+    found = fit_with(about, [added])
+    assert found.at_bound() == ["d.more"]
+    assert relevant_ends(about, found) == relevant
+    narrow = replace(added, add=lambda m: as_sum(m).plus(shape, strength("d", 0.1, 0.0, 0.2), more))
+    assert "d" in relevant_ends(about, fit_with(about, [narrow]))

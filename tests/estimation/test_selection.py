@@ -15,6 +15,7 @@ from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import stepwise_selection
 from flexdesign.estimation.model_selection.calibration import evaluate_design
+from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
@@ -22,10 +23,8 @@ from flexdesign.estimation.model_selection.score_test import Candidate, Screenin
 from flexdesign.estimation.model_selection.stepwise_selection import (
     FINALISTS,
     GROSS_MISFIT,
-    LARGEST_GROUP,
     ROUGHLY,
     backward,
-    confusable,
     forward,
     select,
     select_otherwise,

@@ -6,8 +6,9 @@ import math
 from dataclasses import replace
 
 from flexdesign.estimation.criterion import LEVEL, WORSE
+from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, with_effects
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model, refit, with_effects
 from flexdesign.estimation.uncertainty.intervals import intervals
 
 
@@ -54,6 +55,29 @@ def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
     if scored and made.rms(scored, task.scales) > WORSE * fit.rms(scored, task.scales):
         made = fit_model(task, fit.model, effects) or made  # others are predicted worse: its fitted value is held
     return made, tuple(defaults)
+
+
+def relevant_ends(task: EstimationTask, fit: FittedModel) -> list[str]:
+    """Return the numbers at the end of what is plausible that are relevant there.
+
+    Strengths are, and numbers that move a prediction.
+    A number that a factor e from its end moves no prediction by the tolerance says that it is small, or large: friction
+    without presliding is as plausible as with little of it.
+    """
+    strengths = {effect.strength for effect in fit.effects}
+    return [name for name in fit.at_bound() if name in strengths or _moves(task, fit, name)]
+
+
+def _moves(task: EstimationTask, fit: FittedModel, name: str) -> bool:
+    """Tell whether a number a factor e from the end of its range predicts otherwise, by the tolerance or more."""
+    where = fit.solution.problem.where
+    j = where.names.index(name)
+    if where.parameters[j].scale != "log":
+        return True
+    inside = fit.solution.x[j] + (1.0 if math.isclose(fit.solution.x[j], where.lower[j], rel_tol=1e-6) else -1.0)
+    after = fit.model.replace({name: value(where.parameters[j], inside)})
+    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
+    return max(difference(dataset, fit.model, after, task.weights) for dataset in suites) >= task.tolerance
 
 
 def _is_open(fit: FittedModel, name: str, default: float) -> bool:

@@ -76,6 +76,19 @@ class Step:
         others = (trial for trial in self.trials if trial.names != self.chosen.names and not trial.reason)
         return tuple(trial for trial in others if is_indistinguishable(self.chosen.fit, trial.fit))
 
+    @property
+    def rivals(self) -> tuple[Trial, ...]:
+        """Those alike; and of an approximation, accepted trials of effects that it is known to be taken for.
+
+        The latter must explain as much as the chosen one but for `criterion.SHARE`.
+        """
+        if self.chosen is None or not self.chosen.fit.exceeds_noise:
+            return self.alike
+        enough = (1 - criterion.SHARE) * self.chosen.share
+        like = {other for e in self.chosen.fit.effects if e.name in self.chosen.names for other in e.like}
+        close = (trial for trial in self.trials if not trial.reason and trial.share >= enough)
+        return (*self.alike, *(t for t in close if like.intersection(t.names) and t not in self.alike))
+
 
 def compare(
     task: EstimationTask, before: FittedModel, after: FittedModel, names: tuple[str, ...], score: float

@@ -25,8 +25,6 @@ from flexdesign.estimation.model_selection.fitted_model import (
     fit_model,
     refit,
     solve_case,
-    with_effects,
-    with_values,
 )
 from flexdesign.estimation.model_selection.model_comparison import (
     Step,
@@ -35,7 +33,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
     bic_lead,
     compare,
     confused_with,
-    is_indistinguishable,
     rank,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
@@ -48,8 +45,6 @@ STARTS, PAIRS = 2, 2
 ROUGHLY, FINALISTS = 6, 3
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
 GROSS_MISFIT = 30.0
-#: Largest number of effects in a group of confounded effects.
-LARGEST_GROUP = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +157,8 @@ def forward(
     singles, pairs, refused = _compete(task, fit, entries, WORTH * least)
     trials = _trials(task, fit, singles, score)
     # Effects that the best one is known to be taken for compete to the end.
-    left = [e for e in entries if len(e.names) == 1 and e not in singles and e.names not in refused]
+    tried = [*refused, *(entry.names for entry in singles)]
+    left = [entry for entry in entries if len(entry.names) == 1 and entry.names not in tried]
     while rivals := [e for e in left if e.names[0] in confused_with(trials)]:
         trials += _trials(task, fit, rivals, score)
         left = [e for e in left if e not in rivals]
@@ -364,36 +360,3 @@ def select_otherwise(
         if made and bic_lead(made[-1], best) > 0:
             path, best = ([replace(steps[0], chosen=trial), *more], [trial.fit, *made]), made[-1]
     return path
-
-
-def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of confounded effects, the one in the model first.
-
-    Effects that did as well when one was added are fitted in its place with all that were added later.
-    """
-    groups = list[tuple[str, ...]]()
-    for step in steps:
-        for name in step.chosen.names if step.chosen else ():
-            if name not in fit.names or any(name == group[0] for group in groups):
-                continue
-            others = {*step.chosen.names} - {name} if step.chosen else set[str]()
-            rivals = [trial for trial in step.alike if others <= {*trial.names} and name not in trial.names]
-            instead = [
-                other
-                for trial in rivals
-                for other in trial.names
-                if other not in {*others, *fit.names} and _does_as_well(task, fit, name, trial.fit, other)
-            ]
-            if instead:
-                groups.append((name, *instead[: LARGEST_GROUP - 1]))
-    return tuple(groups)
-
-
-def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, seen: FittedModel, other: str) -> bool:
-    """Tell whether an effect in the place of another explains as much."""
-    instead = next(effect for effect in seen.effects if effect.name == other)
-    effects = tuple(instead if effect.name == name else effect for effect in fit.effects)
-    task.progress(f"fitting with {other} in the place of {name}")
-    model = with_effects(task.bare(fit.model), effects)
-    made = fit_model(task, with_values(with_values(model, seen.model), fit.model), effects)
-    return made is not None and is_indistinguishable(fit, made)
