@@ -607,6 +607,14 @@ def test_candidates_are_the_catalogue_without_what_the_axis_has() -> None:
     assert set(names) - {c.name for c in candidates(filtered)} == {"driver_bandwidth"}
 
 
+def test_friction_may_be_as_large_as_the_stroke() -> None:
+    """A drive whose friction holds back half of its command still moves."""
+    model = AxisDynamics("x", AXIS, 100.0)
+    friction = next(each for each in candidates(model) if each.name == "coulomb_friction")
+    level = next(p for p in friction.add(model).parameters() if p.name == friction.strength)
+    assert level.plausible == pytest.approx((0.0, model.stroke))
+
+
 def test_a_periodic_effect_shows_by_its_line() -> None:
     """A phase and an amplitude of each run: a cosine and a sine at the frequency that the model has."""
     model = AxisDynamics("x", AXIS, 100.0)
