@@ -153,7 +153,8 @@ class DesignTab:
         value = design.dimensions[parameter.name] / factor
         return STUDY.format(
             title=design.title, file=self._written_name(), dimension=parameter.name, unit=parameter.unit,
-            low=f"{0.8 * value:.4g}", high=f"{1.2 * value:.4g}", aim="K_out_actuator_installed",
+            low=f"{0.8 * value:.4g}", high=f"{1.2 * value:.4g}",
+            aim="K_out_actuator_installed" if design.actuator else "K_out_input_free",
         )  # fmt: skip
 
     def _written_name(self) -> str:

@@ -19,7 +19,7 @@ from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, INVERSE_STRE
 
 Array = NDArray[np.float64]
 #: Largest residual, over the noise, where one effect replaces another.
-ALIKE = 0.3
+REPLACES_BELOW = 0.3
 #: Amounts at which an effect is tried: a limit, or what acts beyond a threshold, is not proportional to it.
 AMOUNTS, THRESHOLDS = (0.03,), (0.01, 0.05, 0.2, 0.5)
 _NOT_PROPORTIONAL = (*INVERSE_STRENGTH, "driver_saturation")
@@ -64,9 +64,9 @@ def substitutes(
     whole, nearest, found = complement.residual(signal)[0], math.inf, []
     if name in _RESONANCE[:2]:
         starts = [_same_resonance(state, name, other) for other in _RESONANCE if other not in state.effects]
-        left_by = [_fit_residual(start, target, nominal, loops, ALIKE * noise) for start in starts]
+        left_by = [_fit_residual(start, target, nominal, loops, REPLACES_BELOW * noise) for start in starts]
         names = [other for other in _RESONANCE if other not in state.effects]
-        return tuple(n for n, left in zip(names, left_by, strict=True) if left <= ALIKE * noise), min(left_by)
+        return tuple(n for n, left in zip(names, left_by, strict=True) if left <= REPLACES_BELOW * noise), min(left_by)
     for candidate in CATALOGUE:
         if candidate.name in (*state.effects, *_NEVER, *_RESONANCE[:2]):
             continue
@@ -78,10 +78,10 @@ def substitutes(
         ]
         left, start = min(tried, key=lambda each: each[0])
         nearest = min(nearest, left)
-        near = left < max(NEAR * whole, 2.0 * ALIKE * noise) and left < 0.8 * whole
-        if polish and near and left > ALIKE * noise and start is not None:
-            left = _fit_residual(start, target, nominal, loops, ALIKE * noise)
-        if left <= ALIKE * noise:
+        near = left < max(NEAR * whole, 2.0 * REPLACES_BELOW * noise) and left < 0.8 * whole
+        if polish and near and left > REPLACES_BELOW * noise and start is not None:
+            left = _fit_residual(start, target, nominal, loops, REPLACES_BELOW * noise)
+        if left <= REPLACES_BELOW * noise:
             found.append(candidate.name)
     return tuple(found), nearest
 
