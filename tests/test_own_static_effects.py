@@ -175,7 +175,7 @@ def test_an_installed_package_adds_static_effects(own, monkeypatch):
     places = "[flexdesign.static_effects]\nloose_screws = their_screws:EFFECT\nother_name = their_screws:EFFECT\n"
     (info / "entry_points.txt").write_text(places, encoding="utf-8")
     monkeypatch.syspath_prepend(own)
-    forget = (statics.names, statics._added, statics._found)
+    forget = (statics.names, statics._entry_points, statics._load)
     for cached in forget:
         cached.cache_clear()
     try:

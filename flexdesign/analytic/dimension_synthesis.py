@@ -385,9 +385,9 @@ def _lines(sizing: Sizing) -> Iterator[str]:
     yield f"# Dimensions by flexdesign size from the targets {sizing.name}. They are no whole design: the targets say"
     yield "# nothing of the thickness of the arms and the size of the blocks."
     yield f"format = {toml_files.FORMAT}"
-    yield f"title = {toml_files.quoted(f'{sizing.title}, reconstructed')}"
-    yield f"material = {toml_files.quoted(sizing.material)}"
-    yield f"provenance = {toml_files.quoted(PROVENANCE)}"
+    yield f"title = {toml_files.quote(f'{sizing.title}, reconstructed')}"
+    yield f"material = {toml_files.quote(sizing.material)}"
+    yield f"provenance = {toml_files.quote(PROVENANCE)}"
     yield from ("", "[stage]")
     yield length("chain_length_y", found.chain_length_y, "L_1")
     yield length("chain_length_z", found.chain_length_z, "L_2")

@@ -73,7 +73,7 @@ def diagnose(
     """Diagnose a design from static tables, effects of the user's own tried as well; raise InputError as `compare`."""
     design, table = _read(model, tables, changes, bare=bare)
     found = diagnosing.diagnose(design, table, progress, own_effects(own, statics))
-    return _diagnosed(found, found.found.model if found.verdict == "effects-found" else design, changes)
+    return _diagnosis_result(found, found.found.model if found.verdict == "effects-found" else design, changes)
 
 
 def add_effect(
@@ -90,10 +90,10 @@ def add_effect(
     if name in design.effects:
         raise InputError("command line", "EFFECT", effect, "is in the model already")
     found = diagnosing.add(design, name, table, progress)
-    return _diagnosed(found, found.found.model, changes)
+    return _diagnosis_result(found, found.found.model, changes)
 
 
-def _diagnosed(found: TableDiagnosis, better: StaticModel, changes: Sequence[str]) -> Result[TableDiagnosis]:
+def _diagnosis_result(found: TableDiagnosis, better: StaticModel, changes: Sequence[str]) -> Result[TableDiagnosis]:
     return Result(
         found,
         table_report.diagnosis_document(found),

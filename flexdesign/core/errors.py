@@ -39,11 +39,11 @@ class InputError(Exception):
 
     def __str__(self) -> str:
         file, name = printable(self.file), printable(Path(self.file).name)
-        field = f": {shortened(printable(self.field), FIELD)}" if self.field else ""
+        field = f": {shorten(printable(self.field), FIELD)}" if self.field else ""
         value = "" if self.value is None else f" = {_value_text(self.value)}"
-        words = " ".join(shortened(word, WORD) for word in printable(self.remedy).split())
+        words = " ".join(shorten(word, WORD) for word in printable(self.remedy).split())
         room = MESSAGE - len(f"{name}{field}{value}: ")
-        return f"{file}{field}{value}: {shortened(words, max(room, WORD))}"
+        return f"{file}{field}{value}: {shorten(words, max(room, WORD))}"
 
 
 def import_remedy(error: BaseException) -> str:
@@ -58,7 +58,7 @@ def import_remedy(error: BaseException) -> str:
     return f"imports from {error.name} what is not there; write {words}"
 
 
-def shortened(text: str, longest: int) -> str:
+def shorten(text: str, longest: int) -> str:
     """Return a text, or its beginning and its end where it is longer than it may be.
 
     >>> shortened("dimensions.hinge_thickness", 16)
@@ -82,16 +82,16 @@ def printable(text: str) -> str:
 
 def suggest(name: str, known: Sequence[str]) -> str:
     """Return the end of a remedy: the known names nearest to `name`, or all of them."""
-    known = [shortened(each, NAME) for each in known]
+    known = [shorten(each, NAME) for each in known]
     closest = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if len(name) <= NAME else []
     if not closest:
-        return f"; known: {_listed(known)}" if known else ""
+        return f"; known: {_join_names(known)}" if known else ""
     if difflib.SequenceMatcher(None, name, closest[0]).ratio() > 0.75:
         closest = closest[:1]
     return f"; did you mean {' or '.join(closest)}?"
 
 
-def _listed(names: Sequence[str], longest: int = 160) -> str:
+def _join_names(names: Sequence[str], longest: int = 160) -> str:
     """Return names in a row, as many as one message bears."""
     room = next((n for n in range(len(names)) if len(", ".join(names[: n + 1])) > longest), len(names))
     more = len(names) - room

@@ -232,10 +232,10 @@ def key(name: str) -> str:
     >>> key("over_cut"), key("my_effect.py")
     ('over_cut', '"my_effect.py"')
     """
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quote(name)
 
 
-def quoted(text: str) -> str:
+def quote(text: str) -> str:
     """Return text as TOML: a JSON string is one but for the delete character."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
@@ -283,7 +283,7 @@ def as_written(value: object) -> object:
 def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: str = "") -> Schema:
     """Validate the content of a file, or of one `table` of it, turning the first failure into an InputError."""
     if not content:
-        raise InputError(path, table, None, "is empty; it needs " + ", ".join(_required(schema)))
+        raise InputError(path, table, None, "is empty; it needs " + ", ".join(_required_keys(schema)))
     if "format" in schema.model_fields:
         written = content.get("format", FORMAT)
         if type(written) is not int or written != FORMAT:
@@ -337,7 +337,7 @@ def _plain_message(message: str) -> str:
     return message.replace("a dictionary", "a table").replace("a string", "text")
 
 
-def _required(schema: type[BaseModel]) -> list[str]:
+def _required_keys(schema: type[BaseModel]) -> list[str]:
     return [name for name, field in schema.model_fields.items() if field.is_required()]
 
 

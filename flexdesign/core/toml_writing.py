@@ -24,15 +24,15 @@ def to_toml(content: Mapping[str, Any]) -> str:
 
     A table in a list of tables stands whole in its own lines, the tables in it each in one.
     """
-    return tomlkit.dumps(_ordered(content)).rstrip("\n") + "\n"
+    return tomlkit.dumps(_order(content)).rstrip("\n") + "\n"
 
 
-def _ordered(content: Mapping[str, Any]) -> dict[str, Any]:
+def _order(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return a table in TOML's order: values before tables, tables before lists of tables; empty tables left out."""
     tables = {name: value for name, value in content.items() if isinstance(value, Mapping)}
     lists = {name: value for name, value in content.items() if _is_of_tables(value)}
     values = {name: value for name, value in content.items() if name not in tables and name not in lists}
-    inner = {name: _ordered(value) for name, value in tables.items() if value}
+    inner = {name: _order(value) for name, value in tables.items() if value}
     return values | inner | {name: [_entry(entry) for entry in entries] for name, entries in lists.items()}
 
 

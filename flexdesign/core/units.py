@@ -14,7 +14,7 @@ import unicodedata
 from functools import cache
 from typing import Any
 
-from flexdesign.core.errors import shortened
+from flexdesign.core.errors import shorten
 
 #: No unit has more letters, and no product of all powers in one is higher.
 LONGEST, HIGHEST = 100, 1000
@@ -103,15 +103,15 @@ def _parse(unit: str) -> Any:
     pint = _import_pint()
 
     if not _is_short(unit):
-        raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}: it is too long, or has a power without end")
+        raise ValueError(f"cannot read the unit {shorten(unit, 40)!r}: it is too long, or has a power without end")
     try:
         if "#" in unit:  # the parser takes it for the start of a comment
             raise ValueError("no unit has a '#'")
         return _registry().parse_units(unit)
     except pint.UndefinedUnitError as error:
-        raise ValueError(f"unknown unit {shortened(unit, 40)!r}") from error
+        raise ValueError(f"unknown unit {shorten(unit, 40)!r}") from error
     except Exception as error:  # pint passes on whatever its tokenizer meets
-        raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}") from error
+        raise ValueError(f"cannot read the unit {shorten(unit, 40)!r}") from error
 
 
 @cache

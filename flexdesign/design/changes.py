@@ -6,7 +6,7 @@ import hashlib
 import re
 from collections.abc import Sequence
 
-from flexdesign.core.errors import shortened
+from flexdesign.core.errors import shorten
 
 #: Most letters for the changes in a title, and in the name of a folder.
 TITLE, NAME = 100, 60
@@ -18,7 +18,7 @@ def describe(overrides: Sequence[str]) -> str:
     >>> describe(['dimensions.hinge_thickness="0.4 mm"', "axis.x.mass*=1.1"])
     'hinge_thickness 0.4 mm, axis.x.mass x 1.1'
     """
-    return shortened(", ".join(f"{key} {times}{value}" for key, times, value in map(_pieces, overrides)), TITLE)
+    return shorten(", ".join(f"{key} {times}{value}" for key, times, value in map(_pieces, overrides)), TITLE)
 
 
 def title_with_changes(title: str, overrides: Sequence[str]) -> str:

@@ -24,8 +24,8 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
     PRIOR_BOUND,
     case_of,
     choose_interpolation,
+    find_undetermined,
     simulating,
-    undetermined,
     with_beginnings,
 )
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
@@ -220,7 +220,7 @@ def calibrate_task(
         If the model cannot be simulated at the values it has.
     """
     task.progress("predicting with the model as it is")
-    held = undetermined(task, dynamics)
+    held = find_undetermined(task, dynamics)
     task = replace(task, free=tuple(name for name in task.free if name not in held))
     nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
     task.progress("calibrating")

@@ -97,14 +97,14 @@ def _jumps(data: DiagnosisData, fit: FittedModel) -> int:
     return count
 
 
-def unexplained(data: DiagnosisData, fit: FittedModel) -> float:
+def unexplained_rms(data: DiagnosisData, fit: FittedModel) -> float:
     """Return the rms residual above the noise of the runs that judge [response]; all of it where that is unknown."""
     return math.sqrt(max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0))
 
 
 def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> bool:
     """Return whether the residual is noise, or below what matters to the user."""
-    if (data.is_asked or not data.noise.known) and unexplained(data, fit) <= data.tolerance:
+    if (data.is_asked or not data.noise.known) and unexplained_rms(data, fit) <= data.tolerance:
         return True
     # Smooth functions that explain something show that there is something, however small it is compared with the noise.
     explainable = left.held_gain > 0 and left.validation_rms > data.tolerance and left.gain > 0

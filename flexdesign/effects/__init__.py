@@ -31,17 +31,17 @@ REPEATED, MOST = ("second_mode",), 4
 @cache
 def names() -> tuple[str, ...]:
     """Return the names of the effects that come with flexdesign, and of those that installed packages add."""
-    return tuple(sorted({*_own(), *_added()}))
+    return tuple(sorted({*_own_names(), *_entry_points()}))
 
 
 @cache
-def _own() -> frozenset[str]:
+def _own_names() -> frozenset[str]:
     return frozenset(m.name for m in pkgutil.iter_modules(__path__) if not (m.ispkg or m.name.startswith("_")))
 
 
 @cache
-def _added() -> dict[str, EntryPoint]:
-    return _finding.entry_points_by_name(GROUP, _own())
+def _entry_points() -> dict[str, EntryPoint]:
+    return _finding.entry_points_by_name(GROUP, _own_names())
 
 
 def find(name: str) -> Effect:
@@ -56,7 +56,7 @@ def find(name: str) -> Effect:
     True
     """
     name = original(name)
-    return _shipped(name) if name in _own() else _finding.foreign(name, _added(), names(), "effect")
+    return _load_own(name) if name in _own_names() else _finding.foreign(name, _entry_points(), names(), "effect")
 
 
 def original(name: str) -> str:
@@ -79,7 +79,7 @@ def again(name: str) -> tuple[str, ...]:
 
 
 @cache
-def _shipped(name: str) -> Effect:
+def _load_own(name: str) -> Effect:
     return cast(Effect, importlib.import_module(f"{__name__}.{name}").EFFECT)
 
 

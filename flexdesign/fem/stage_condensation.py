@@ -210,7 +210,7 @@ def refine(
         mesh_refinement.require_memory(study, method, 0, parts.file_of(type(kind.piece)))
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
-        say = labelled(progress, words)
+        say = with_label(progress, words)
         levels.append(condense(study, assembly, kinds, coarseness, cache, interior=number <= interior, progress=say))
         if asked and number > 1 and mesh_refinement.is_converged(asked, gather_quantities(levels), progress):
             break
@@ -231,7 +231,7 @@ def mesh_noise_of(levels: Sequence[StageLevel]) -> MeshNoise:
     return MESH_NOISE if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
 
 
-def labelled(progress: Progress, label: str) -> Progress:
+def with_label(progress: Progress, label: str) -> Progress:
     """Return a progress whose words a label stands before."""
     return lambda text: progress(f"{label}: {text}")
 

@@ -61,7 +61,7 @@ def sentences(comparison: Comparison) -> list[str]:
             text.append("It fails in all runs alike.")
         else:
             worst = sorted(by_run.concentrated, key=lambda p: -p.share)
-            names = listed([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
+            names = join_names([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
             text.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
     by_frequency = comparison.by("frequency")
     if by_frequency and (band := by_frequency.dominant()):
@@ -161,7 +161,7 @@ def error(response: str, value: float, digits: int = 3) -> str:
     >>> error("m", 1.754e-6), error("m", 46.4e-9, 2), error(ResponseUnits("m", "mm"), 46.4e-6, 2)
     ('1.75 µm', '46 nm', '0.046 mm')
     """
-    return _suited(response, value, units_of(response)[1], digits)
+    return _suitable_text(response, value, units_of(response)[1], digits)
 
 
 def span(response: str, value: float, digits: int = 4) -> str:
@@ -170,10 +170,10 @@ def span(response: str, value: float, digits: int = 4) -> str:
     >>> span("rad", 1.173495), span("rad", 0.02), span("m", 262.64e-6), span("V", 9.5)
     ('1.173 rad', '20.00 mrad', '262.6 µm', '9.500 V')
     """
-    return _suited(response, value, units_of(response)[0], digits)
+    return _suitable_text(response, value, units_of(response)[0], digits)
 
 
-def _suited(response: str, value: float, usual: str, digits: int) -> str:
+def _suitable_text(response: str, value: float, usual: str, digits: int) -> str:
     """Write a size in its usual unit, or in one that has no long number; in the unit of the stage model if it has one.
 
     >>> _suited("rad", 0.0, "urad", 3), _suited("rad", -0.25, "urad", 3), _suited("rad/V", 2.0, "urad/V", 3)
@@ -195,7 +195,7 @@ def percent(share: float) -> str:
     return f"{units.significant(100 * share, 2)} %" if math.isfinite(share) else "–"
 
 
-def listed(names: Sequence[str], last: str = "and") -> str:
+def join_names(names: Sequence[str], last: str = "and") -> str:
     """Write names as a sentence lists them.
 
     >>> listed(["a", "b", "c"], "or")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core.serialise import header, with_unit
-from flexdesign.core.toml_files import FORMAT, quoted
+from flexdesign.core.toml_files import FORMAT, quote
 from flexdesign.design.faces import SolidFace, how_to_name, in_mm
 from flexdesign.design.step_file import StepBody
 from flexdesign.fem.meshing.thin_regions import Surface, ThinRegions, surface_of
@@ -134,7 +134,7 @@ def design(part: str, faces: Sequence[SolidFace]) -> str:
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     along = [f for f in planes if abs(f.normal[axis]) > 0.99] or planes
     ends = [min(along, key=lambda f: f.centroid[axis]), max(along, key=lambda f: f.centroid[axis])]
-    lines = [f"format = {FORMAT}", f"part = {quoted(part)}", 'material = "Al 7075-T6"']
+    lines = [f"format = {FORMAT}", f"part = {quote(part)}", 'material = "Al 7075-T6"']
     for name, face in zip(("ground", "output"), ends, strict=True):
         lines += ["", f"[ports.{name}]", *how_to_name(face).split(", normal")[:1]]
         if not face.name:

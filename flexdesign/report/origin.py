@@ -125,10 +125,10 @@ def command(arguments: Sequence[str] | None = None) -> str:
         folder = file.parent
         inner = f"{folder.parent.name}.{folder.name}" if folder.parent.name == "studies" else folder.name
         name = inner if inner == "flexdesign" else f"python -m {inner}"
-    return shlex.join([*name.split(), *_kept(given)])
+    return shlex.join([*name.split(), *_result_arguments(given)])
 
 
-def _kept(given: Sequence[str]) -> Iterator[str]:
+def _result_arguments(given: Sequence[str]) -> Iterator[str]:
     words = iter(given)
     for word in words:
         if word in VALUED:

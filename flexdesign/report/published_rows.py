@@ -9,7 +9,7 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Compared, Simulation
-from flexdesign.report.comparison_text import listed
+from flexdesign.report.comparison_text import join_names
 from flexdesign.report.document import Section, Table
 
 #: Measures in words, in the order of tables.
@@ -67,7 +67,7 @@ def agreement(simulation: Simulation) -> str:
         "were used to set the model": set_,
         "cannot be compared": open_,
     }
-    return f"Of {len(column)} published numbers {listed([f'{n} {text}' for text, n in parts.items() if n])}."
+    return f"Of {len(column)} published numbers {join_names([f'{n} {text}' for text, n in parts.items() if n])}."
 
 
 def section(simulation: Simulation) -> Section:

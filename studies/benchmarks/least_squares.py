@@ -30,7 +30,12 @@ from scipy.optimize import least_squares
 
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
-from flexdesign.diagnosis.effect_selection.estimation_setup import case_of, simulating, undetermined, with_beginnings
+from flexdesign.diagnosis.effect_selection.estimation_setup import (
+    case_of,
+    find_undetermined,
+    simulating,
+    with_beginnings,
+)
 from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency
@@ -187,7 +192,7 @@ def tasks_of_case(number: int, seed: int) -> Iterator[Task]:
         model = reading.read(here / folder.MODEL)
         data = prepare(model, recordings.read_runs([here / folder.RUNS]), None, None)
         dynamics, task = case_of(model, data, each, lambda _: None)
-        held = undetermined(task, dynamics)
+        held = find_undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
         start = grid_frequency(task, grid_delay(task, dynamics))
         yield Task(f"{case.name}: calibration", _problem_maker(task, start, ()))

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from flexdesign.design.part import Port, SymmetryPlane
-from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.meshing.mesh import mirror_mesh
 from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.load_path import Equilibrium, load_path
 from studies.verification.finding import Finding, range_around
@@ -74,7 +74,7 @@ def parallelogram() -> Solid:
     x = np.concatenate([np.linspace(0, LEAF, 25), [LEAF + TABLE]])
     y = np.array([0.0, 4e-3, 12e-3, 12e-3 + THICKNESS])
     half = lattice(x, y, np.array([0.0, WIDTH]), lambda c: (c[:, 1] > 12e-3) | (c[:, 0] > LEAF))
-    points, tets, _ = mirrored(*half, (SymmetryPlane("y", {}),), {})
+    points, tets, _ = mirror_mesh(*half, (SymmetryPlane("y", {}),), {})
     ends = (
         Port("output", "output", (LEAF + TABLE, 0.0, WIDTH / 2), (1.0, 0.0, 0.0)),
         Port("ground", "ground", (0.0, 0.0, WIDTH / 2), (-1.0, 0.0, 0.0)),

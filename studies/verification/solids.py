@@ -17,7 +17,7 @@ from skfem import MeshTet
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Port, SymmetryPlane
 from flexdesign.fem.meshing.domain import Domain
-from flexdesign.fem.meshing.mesh import TaggedMesh, boundary, mirrored
+from flexdesign.fem.meshing.mesh import TaggedMesh, boundary, mirror_mesh
 from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.fem.solving.large_displacement import LargeDisplacement
@@ -114,7 +114,7 @@ class Solid:
 
     def whole(self, patches: Mapping[str, Where]) -> Solid:
         """Return the whole body: mirrored, welded, and tagged anew by where facets are."""
-        points, tets, _ = mirrored(self.mesh.points, self.mesh.tets, self.domain.planes, {})
+        points, tets, _ = mirror_mesh(self.mesh.points, self.mesh.tets, self.domain.planes, {})
         return Solid.of(weld_points(points, tets), patches, self.ports, (), self.material)
 
     @property

@@ -194,13 +194,13 @@ PLACES = {
 @pytest.fixture(autouse=True)
 def _forget() -> object:
     yield
-    for cached in (effects.names, effects._own, effects._added):
+    for cached in (effects.names, effects._own_names, effects._entry_points):
         cached.cache_clear()
 
 
 def test_an_installed_package_adds_effects(installed: Path) -> None:
     effects.names.cache_clear()
-    effects._added.cache_clear()
+    effects._entry_points.cache_clear()
     assert set(effects.names()) == {*NAMES, "steps", "other_name", "gone", "no_effect"}
     assert effects.find("steps").name == "steps"
     assert effects.find("creep").parameters[0].name == "per_decade"  # ours stays

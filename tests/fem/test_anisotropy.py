@@ -15,7 +15,7 @@ from flexdesign.design import materials
 from flexdesign.design.materials import Crystal, Material
 from flexdesign.fem import analysis
 from flexdesign.fem.meshing import domain
-from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.meshing.mesh import mirror_mesh
 from flexdesign.fem.solving.elasticity import Elasticity, stress_points
 from flexdesign.fem.solving.solver import times
 from studies.verification.solids import METAL, Array, Solid, lattice, tag_facets, weld_points
@@ -178,7 +178,7 @@ def test_half_a_ring_of_turned_silicon_is_the_whole_ring() -> None:
     """
     turned = silicon(TURNED)
     quarter = ring(turned)
-    points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, RING_PLANES[:1], {})
+    points, tets, _ = mirror_mesh(quarter.mesh.points, quarter.mesh.tets, RING_PLANES[:1], {})
     half = Solid.of(weld_points(points, tets), RING_PATCHES, RING_PORTS, RING_PLANES[1:], turned)
     solved, whole = solve(half), solve(half.whole(RING_PATCHES))
     assert relative(solved.matrix, whole.matrix) < 1e-8

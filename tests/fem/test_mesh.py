@@ -407,7 +407,7 @@ def test_mirrored_is_the_whole_with_fields_reflected() -> None:
     planes = (SymmetryPlane("x", {}), SymmetryPlane("z", {}))
     field = tets.points * [1.0, 2.0, 3.0]  # odd across each plane in its own component: symmetric
     heat = tets.points[:, 0] ** 2 + tets.points[:, 1]
-    points, whole, fields = mesh.mirrored(tets.points, tets.tets, planes, {"u": field, "T": heat})
+    points, whole, fields = mesh.mirror_mesh(tets.points, tets.tets, planes, {"u": field, "T": heat})
     assert mesh.signed_volumes(points, whole).sum() == pytest.approx(4.0, rel=ROUNDING)
     assert mesh.signed_volumes(points, whole).min() > 0
     np.testing.assert_allclose(fields["u"], points * [1.0, 2.0, 3.0], atol=1e-15)
@@ -421,7 +421,9 @@ def test_mirrored_is_the_whole_with_fields_reflected() -> None:
 def test_mirrored_quadratic_elements_keep_their_edge_middles() -> None:
     """Each middle lies between the corners that scikit-fem's order says, in the images too, and none is inside out."""
     body = Elasticity(box()[1], METAL)
-    points, cells, _ = mesh.mirrored(body.positions, body.nodes, (SymmetryPlane("x", {}), SymmetryPlane("y", {})), {})
+    points, cells, _ = mesh.mirror_mesh(
+        body.positions, body.nodes, (SymmetryPlane("x", {}), SymmetryPlane("y", {})), {}
+    )
     ends = points[cells[:, EDGES]]
     np.testing.assert_allclose(points[cells[:, 4:]], ends.mean(axis=2), atol=1e-15)
     assert mesh.signed_volumes(points, cells[:, :4]).min() > 0

@@ -7,7 +7,7 @@ import pytest
 
 from flexdesign.design.part import Port, SymmetryPlane
 from flexdesign.fem.meshing import domain, mesh, sizing
-from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.meshing.mesh import mirror_mesh
 from flexdesign.fem.solving import port_compliance
 from flexdesign.fem.solving.port_compliance import SymmetryClass, parity
 from studies.verification.solids import Array, Solid, at, beam, lattice, weld_points
@@ -213,7 +213,7 @@ def halves(plane: int) -> tuple[Solid, Solid]:
     """A ring of which only one plane is known: half of it, and the whole."""
     quarter = ring()
     both = RING_PLANES[1 - plane], RING_PLANES[plane]
-    points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, both[:1], {})
+    points, tets, _ = mirror_mesh(quarter.mesh.points, quarter.mesh.tets, both[:1], {})
     kept = {n: p for n, p in RING_PATCHES.items() if n != "input_left" or plane == 1}
     half = Solid.of(weld_points(points, tets), kept, RING_PORTS, both[1:])
     return half, half.whole(RING_PATCHES)
@@ -281,7 +281,7 @@ def test_pytetwild_quarter_of_a_cad_part_gives_every_entry_of_the_whole() -> Non
     field = sizing.Sizing(roots, np.array([1e-3]), growth=0.5, largest=2e-3)
     quarter = Solid(mesh.tetrahedralize(quarter_domain, field, 5e-5), quarter_domain, part.ports())
     whole_domain = domain.of_part(part, symmetric=False, chord=1e-5)
-    points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, quarter_domain.planes, {})
+    points, tets, _ = mirror_mesh(quarter.mesh.points, quarter.mesh.tets, quarter_domain.planes, {})
     whole = Solid(
         mesh.tag(*weld_points(points, tets), whole_domain, whole_domain.surface()), whole_domain, part.ports()
     )

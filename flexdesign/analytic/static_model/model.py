@@ -124,12 +124,14 @@ class StaticModel:
             other, material = replace(self.design, dimensions=varied), self.design.material
             if other.is_stage:
                 whole = StageCompliance.of_assembly(other.stage().assembly(), material, stiffness)
-                guessed = {id(part): _guessed(part) for part in whole.models.values()} if self.guessed else {}
+                guessed = (
+                    {id(part): _with_guessed_roots(part) for part in whole.models.values()} if self.guessed else {}
+                )
                 models = {name: guessed.get(id(part), part) for name, part in whole.models.items()}
                 self._built[key] = replace(whole, models=models)
             else:
                 part = ComplianceModel.of_part(other.part(), material, stiffness)
-                self._built[key] = _guessed(part) if self.guessed else part
+                self._built[key] = _with_guessed_roots(part) if self.guessed else part
         return self._built[key].having(self.effects)
 
 
@@ -166,7 +168,7 @@ def nominal_effects(design: Design) -> dict[str, dict[str, float]]:
     return compliance.nominal_effects(design.part())
 
 
-def _guessed(part: ComplianceModel) -> ComplianceModel:
+def _with_guessed_roots(part: ComplianceModel) -> ComplianceModel:
     members = tuple(roots.with_guessed_roots(member) for member in part.linkage.members)
     return replace(part, linkage=replace(part.linkage, members=members))
 
@@ -178,11 +180,11 @@ def _of_stage(model: StageCompliance, row: Row) -> float:
     if row.quantity == "K_in":
         return model.input_stiffness(axis)
     if boundary == "actuators installed":
-        return model.output_stiffness(axis, _installed(model, row))
+        return model.output_stiffness(axis, _installed_stiffness(model, row))
     return model.output_stiffness(axis, math.inf if boundary == "inputs held" else 0.0)
 
 
-def _installed(model: ComplianceModel | StageCompliance, row: Row) -> float:
+def _installed_stiffness(model: ComplianceModel | StageCompliance, row: Row) -> float:
     if model.actuator_stiffness is None:
         raise InputError("design", "actuator", None, f"{row.key} needs an actuator in the design")
     return model.actuator_stiffness
@@ -196,5 +198,5 @@ def _value(model: ComplianceModel | StageCompliance, row: Row) -> float:
     if row.quantity == "K_in":
         return model.input_stiffness(math.inf if row.boundary == "output held" else 0.0)
     if row.boundary == "actuator installed":
-        return model.output_stiffness(_installed(model, row))
+        return model.output_stiffness(_installed_stiffness(model, row))
     return model.output_stiffness(math.inf if row.boundary == "input held" else 0.0)

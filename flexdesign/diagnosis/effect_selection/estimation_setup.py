@@ -158,7 +158,7 @@ def case_of(
     )
 
 
-def undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
+def find_undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return the free parameters that the runs cannot show: a plausible change moves no prediction by the tolerance.
 
     A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are

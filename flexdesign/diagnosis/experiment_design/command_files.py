@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flexdesign.core import unit_tables, units
-from flexdesign.core.toml_files import FORMAT, quoted
+from flexdesign.core.toml_files import FORMAT, quote
 from flexdesign.core.toml_writing import with_comment
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
@@ -76,7 +76,7 @@ def description(
     lines = [
         "# Record the response to each command and add it to its file as a third column; then correct what differs.",
         f"format = {FORMAT}",
-        f"title = {quoted(title)}",
+        f"title = {quote(title)}",
         f'axis = "{axis}"',
         with_comment('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
         f'limits = ["{limits.low:g} V", "{limits.high:g} V"]',

@@ -244,7 +244,7 @@ def prepare(
     lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
     if not seen:
         return _of_responses(
-            DiagnosisData(name, its, (), noise_of_lines(responses, lines), 0.0, _known(its)),
+            DiagnosisData(name, its, (), noise_of_lines(responses, lines), 0.0, _priors(its)),
             responses,
             lines,
             tolerance,
@@ -255,7 +255,7 @@ def prepare(
         white = ColouredNoise(Process(np.zeros(0), stated))
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
     noise = _of_blocks(noise, seen)
-    first = DiagnosisData(name, its, seen, noise, 0.0, _known(its))
+    first = DiagnosisData(name, its, seen, noise, 0.0, _priors(its))
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
@@ -303,5 +303,5 @@ def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
     return replace(noise, whitening=ColouredNoise(processes), rms={n: noise.rms[r] for n, r in records.items()})
 
 
-def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:
+def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)

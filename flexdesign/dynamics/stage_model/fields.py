@@ -113,7 +113,7 @@ class Text:
 
     def write(self, value: str) -> str:
         """Return text as TOML."""
-        return toml_files.quoted(value)
+        return toml_files.quote(value)
 
     def example(self) -> str:
         """Return how it is written, for example."""
@@ -129,12 +129,12 @@ class OneOf(Text):
     def read(self, given: object) -> str:
         """Return what a file says."""
         if given not in self.words:
-            raise ValueError(f"expected {' or '.join(map(toml_files.quoted, self.words))}")
+            raise ValueError(f"expected {' or '.join(map(toml_files.quote, self.words))}")
         return str(given)
 
     def example(self) -> str:
         """Return how it is written, for example."""
-        return toml_files.quoted(self.words[0])
+        return toml_files.quote(self.words[0])
 
 
 Field = Number | Text

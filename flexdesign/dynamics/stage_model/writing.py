@@ -159,4 +159,4 @@ def _coupling(coupling: Coupling, responses: Mapping[str, str]) -> Iterator[str]
 
 def _key(name: str) -> str:
     """Return a dotted key, or a quoted one where a part of it may not stand bare."""
-    return name if all(toml_files.key(part) == part for part in name.split(".")) else toml_files.quoted(name)
+    return name if all(toml_files.key(part) == part for part in name.split(".")) else toml_files.quote(name)

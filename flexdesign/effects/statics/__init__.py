@@ -44,17 +44,17 @@ GROUP = "flexdesign.static_effects"
 @cache
 def names() -> tuple[str, ...]:
     """Return the names of the static effects that come with flexdesign, and of those that installed packages add."""
-    return tuple(sorted({*_own(), *_added()}))
+    return tuple(sorted({*_own_names(), *_entry_points()}))
 
 
 @cache
-def _own() -> frozenset[str]:
+def _own_names() -> frozenset[str]:
     return frozenset(module.name for module in pkgutil.iter_modules(__path__))
 
 
 @cache
-def _added() -> dict[str, EntryPoint]:
-    return _finding.entry_points_by_name(GROUP, _own())
+def _entry_points() -> dict[str, EntryPoint]:
+    return _finding.entry_points_by_name(GROUP, _own_names())
 
 
 def find(name: str) -> Effect:
@@ -66,14 +66,14 @@ def find(name: str) -> Effect:
         If there is none, or it does not act at rest; the message says what there is.
     """
     relative = name.endswith(".py") and name not in names() and not Path(name).is_absolute()
-    return _found(str(Path(name).resolve()) if relative else name)
+    return _load(str(Path(name).resolve()) if relative else name)
 
 
 @cache
-def _found(name: str) -> Effect:
-    if name in _own():
+def _load(name: str) -> Effect:
+    if name in _own_names():
         return cast(Effect, importlib.import_module(f"{__name__}.{name}").EFFECT)
-    effect = _finding.foreign(name, _added(), names(), "static effect")
+    effect = _finding.foreign(name, _entry_points(), names(), "static effect")
     if not effect.acts_at_rest:
         remedy = 'give it a Term, a Reshape, or an Adjust(..., of="part")'
         raise ValueError(f"acts in time alone, which no part at rest shows; {remedy}")

@@ -188,10 +188,10 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
         if trial.is_small:
             break
         accepted += [] if trial.reason else [trial]
-    single = _preferred(task, [trial for trial in accepted if len(trial.names) == 1])
+    single = _choose(task, [trial for trial in accepted if len(trial.names) == 1])
     if not accepted or single is None or len(accepted[0].names) == 1:
-        return single or _preferred(task, accepted)
-    pair = _preferred(task, [trial for trial in accepted if len(trial.names) == 2])
+        return single or _choose(task, accepted)
+    pair = _choose(task, [trial for trial in accepted if len(trial.names) == 2])
     assert pair is not None  # the first is one
     is_validated = bool(task.validate.records)
     explained = criterion.explained_share(single.error, pair.error, task.noise_rms) if is_validated else 1.0
@@ -199,7 +199,7 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     return pair if is_more else single
 
 
-def _preferred(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
+def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     """Return the best of accepted trials, of which the first has the least BIC.
 
     Where all are approximations, one that fits alike and predicts better by a stated share comes before it.

@@ -71,7 +71,7 @@ def tetrahedralize(domain: Domain, sizing: PlacedSizes, coarseness: float = 1.0)
     NoMesh
         If Netgen makes no mesh, or one whose faces are not those of the domain.
     """
-    points, tets, facets, faces, count = _made(domain, sizing, CHORD * coarseness**2)
+    points, tets, facets, faces, count = _mesh_with_growth(domain, sizing, CHORD * coarseness**2)
     if not len(tets) or count != len(domain.faces):
         raise NoMesh(f"Netgen's mesh has {len(tets)} tetrahedra and {count} faces for {len(domain.faces)}")
     points *= MM
@@ -92,7 +92,9 @@ def tetrahedralize(domain: Domain, sizing: PlacedSizes, coarseness: float = 1.0)
     return TaggedMesh(points, tets, outer, np.array(domain.joined)[found], mesher="Netgen")
 
 
-def _made(domain: Domain, sizing: PlacedSizes, chord: float) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
+def _mesh_with_growth(
+    domain: Domain, sizing: PlacedSizes, chord: float
+) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
     """Return what `_fill` does, with the first growth that Netgen can mesh with."""
     cause: Exception | None = None
     places, sizes = _with_cylinders(domain, sizing, chord)

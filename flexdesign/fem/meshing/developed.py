@@ -54,7 +54,7 @@ def triangles_of(face: Any, chord: float, longest: float) -> tuple[FloatArray, I
     scale = np.array([surface.Cylinder().Radius() if kind == "CYLINDER" else 1.0, 1.0])
     flat = np.array([(p.X(), p.Y()) for p in (known.UVNode(i + 1) for i in range(known.NbNodes()))]) * scale
     corners = np.array([known.Triangle(i + 1).Get() for i in range(known.NbTriangles())]) - 1
-    made = _made(flat, corners, longest)
+    made = _develop(flat, corners, longest)
     if made is None:
         return None
     points, triangles = made
@@ -70,7 +70,7 @@ def _left_handed(surface: Any, kind: str) -> bool:
     return not axes.Direct()
 
 
-def _made(flat: FloatArray, corners: IntArray, longest: float) -> tuple[FloatArray, IntArray] | None:
+def _develop(flat: FloatArray, corners: IntArray, longest: float) -> tuple[FloatArray, IntArray] | None:
     edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     each, count = np.unique(edges, axis=0, return_counts=True)
     rim = each[count == 1]

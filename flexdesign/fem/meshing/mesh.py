@@ -205,7 +205,7 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
     most = MOST_LOOSE * len(np.unique(mesh.facets))
     while True:
         points = np.where(loose[:, None], mesh.points, goal)
-        turned = _inverted(points, mesh.tets)
+        turned = _inverted_elements(points, mesh.tets)
         new = np.unique(mesh.tets[turned])
         new = new[~loose[new] & (off[new] > 0)]
         if not len(new) or loose.sum() + len(new) > most:
@@ -228,7 +228,7 @@ def _on_faces(mesh: TaggedMesh, domain: Domain) -> FloatArray:
     return points
 
 
-def _inverted(points: FloatArray, tets: IntArray) -> NDArray[np.bool_]:
+def _inverted_elements(points: FloatArray, tets: IntArray) -> NDArray[np.bool_]:
     """Tell which tetrahedra are inside out, and not merely laid flat."""
     return signed_volumes(points, tets) < -FLAT * _sizes(points, tets)
 
@@ -336,7 +336,7 @@ def boundary(tets: IntArray) -> IntArray:
 _REFLECTED = {4: [0, 1, 3, 2], 10: [0, 1, 3, 2, 4, 8, 7, 6, 5, 9]}
 
 
-def mirrored(
+def mirror_mesh(
     points: FloatArray, cells: IntArray, planes: Sequence[SymmetryPlane], fields: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, IntArray, dict[str, FloatArray]]:
     """Return points, cells and nodal fields of the whole part; vector fields (n, 3) reflect, scalars repeat.

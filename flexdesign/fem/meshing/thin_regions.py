@@ -306,7 +306,7 @@ def _hinges(found: ThinRegions, body: float) -> tuple[tuple[Member, ...], tuple[
         thinnest = np.flatnonzero(left)[np.argmin(found.thickness[left])]
         neck = float(found.thickness[thinnest])
         alike = np.flatnonzero(left & (found.thickness < OF_NECK * neck))
-        group = alike[_connected(middles[alike], alike.tolist().index(thinnest), APART * neck)]
+        group = alike[_connected_points(middles[alike], alike.tolist().index(thinnest), APART * neck)]
         left[group] = False
         around = np.flatnonzero(left)
         if len(around):  # what runs out into it is no other hinge
@@ -318,7 +318,7 @@ def _hinges(found: ThinRegions, body: float) -> tuple[tuple[Member, ...], tuple[
     return tuple(members), tuple(chosen)
 
 
-def _connected(points: FloatArray, start: int, reach: float) -> IntArray:
+def _connected_points(points: FloatArray, start: int, reach: float) -> IntArray:
     """Return the indices of points that hang together with one of them, no step longer than a reach [m]."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -345,7 +345,7 @@ def _member(name: str, middles: FloatArray, inward: FloatArray, neck: float) -> 
     )
 
 
-def listed(hinges: Sequence[Member]) -> list[str]:
+def describe(hinges: Sequence[Member]) -> list[str]:
     """Return the hinges in words: name, thickness and place."""
     return [
         f"{h.name}: {1e3 * h.thickness:.4g} mm at ({', '.join(f'{1e3 * x:.4g}' for x in h.centre)}) mm" for h in hinges

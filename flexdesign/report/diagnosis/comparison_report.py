@@ -285,7 +285,7 @@ def _noise_remarks(comparison: Comparison) -> list[str]:
             0, f"The noise floor is known to {words.percent(comparison.noise.relative_error)} (one standard error)."
         )
     if comparison.noise.lines:
-        lines = words.listed(
+        lines = words.join_names(
             [
                 f"{line.frequency:.4g} Hz ({words.error(comparison.response, line.amplitude, 2)})"
                 for line in comparison.noise.lines

@@ -24,7 +24,7 @@ def ladder_table(found: Confronted) -> Table:
 
 def summary(found: Confronted) -> list[str]:
     """Return by how much the model misses the runs that judge, and where it fails."""
-    names = words.listed([said.effect_name(name) for name in found.effects]) if found.effects else ""
+    names = words.join_names([said.effect_name(name) for name in found.effects]) if found.effects else ""
     which = f"With {names} the" if names else "The"
     error, noise_floor = (words.error(said.response(found), value) for value in (found.error, found.noise_floor))
     times = f"{found.ratio:.3g} times the noise floor ({noise_floor})" if found.noise.known else "the noise is unknown"

@@ -151,7 +151,9 @@ def noise_text(noise: NoiseFloor, noise_floor: float, si: str) -> list[str]:
     remarks = [f"{remark[:1].upper()}{remark[1:]}." for remark in noise.remarks]
     if noise.lines:
         lines = [f"{line.frequency:.4g} Hz ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
-        remarks.insert(0, f"Where it should be quiet, the response swings at {words.listed(lines)}; this is no noise.")
+        remarks.insert(
+            0, f"Where it should be quiet, the response swings at {words.join_names(lines)}; this is no noise."
+        )
     return [first, *remarks]
 
 
@@ -180,7 +182,7 @@ def _model_name(diagnosis: Diagnosis) -> str:
     names = [prose.effect_name(named.name) for named in diagnosis.effects] or [
         prose.effect_name(name) for name in diagnosis.possible_effects
     ]
-    return f"with {words.listed(names)}"
+    return f"with {words.join_names(names)}"
 
 
 def _ladder_text(diagnosis: Diagnosis) -> list[str]:
@@ -291,8 +293,10 @@ def _numbers_text(diagnosis: Diagnosis) -> list[str]:
 def _how(diagnosis: Diagnosis) -> list[str]:
     seen = [each.name for each in _every(diagnosis) if each.role == "identify"]
     validation_runs = [each.name for each in _every(diagnosis) if each.role == "validate"]
-    text = f"Fitted: {words.listed(seen)}."
-    text += f" Validation: {words.listed(validation_runs)}." if validation_runs else " There are no validation runs."
+    text = f"Fitted: {words.join_names(seen)}."
+    text += (
+        f" Validation: {words.join_names(validation_runs)}." if validation_runs else " There are no validation runs."
+    )
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
     return [
         text,

@@ -75,7 +75,7 @@ def _remains(diagnosis: Diagnosis) -> str:
 
 def possible(diagnosis: Diagnosis) -> str:
     """Return the effects that may be there without being certain, what each explains, and how it is fitted."""
-    names = words.listed([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
+    names = words.join_names([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in diagnosis.possible_effects)
     each = "each of them" if len(diagnosis.possible_effects) > 1 else "it"
     return (
@@ -90,7 +90,7 @@ def undetermined(diagnosis: Diagnosis) -> str:
 
     Where these predict the validation runs worse, fitted values stay, without an interval.
     """
-    names = words.listed([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
+    names = words.join_names([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
     return f"These runs do not determine {names}; held at values of the design, of the catalogue or of a fit."
 
 
@@ -105,7 +105,7 @@ def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
         sentences += f", the mean over runs; it differs from run to run, {_range_over_runs(named)}"
     if named.values:
         others = _added_together(diagnosis, named.name)
-        it = f"Together with {words.listed([effect_name(other) for other in others])} it" if others else "It"
+        it = f"Together with {words.join_names([effect_name(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             sentences += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
     return f"{sentences}. What to do about it: {remedy(diagnosis, named.name)}."
@@ -190,7 +190,7 @@ def validated_on(runs: Sequence[Run | FrequencyResponse]) -> str:
     for role, kind in (("test", "test"), ("validate", "validation")):
         validation_runs = [run.name.removesuffix(f":{role}") for run in runs if run.role == role]
         if validation_runs and any(isinstance(run, FrequencyResponse) for run in runs):
-            return f"the {kind} lines of {words.listed(validation_runs)}"
+            return f"the {kind} lines of {words.join_names(validation_runs)}"
         if validation_runs:
             return (
                 f"the {len(validation_runs)} {kind} runs"

@@ -17,7 +17,7 @@ from flexdesign.diagnosis.static_tables.fit import Trial
 from flexdesign.effects import statics
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS, QUANTITIES
 from flexdesign.report import charts
-from flexdesign.report.comparison_text import listed
+from flexdesign.report.comparison_text import join_names
 
 
 def effect_name(name: str) -> str:
@@ -96,7 +96,7 @@ def verdict(diagnosis: TableDiagnosis) -> str:
         return f"Something is missing, and it is none of the effects that are known here.{near}"
     them = "them" if len(diagnosis.found.names) > 1 else "it"
     return (
-        f"Missing: {listed([_alternatives(diagnosis, name) for name in diagnosis.found.names])}. "
+        f"Missing: {join_names([_alternatives(diagnosis, name) for name in diagnosis.found.names])}. "
         f"With {them} the model misses "
         f"rows that the fit did not see by {percentage(after)} rms, without by {percentage(before)}."
     )
@@ -104,7 +104,7 @@ def verdict(diagnosis: TableDiagnosis) -> str:
 
 def _alternatives(diagnosis: TableDiagnosis, name: str) -> str:
     group = next((group for group in diagnosis.groups if group[0] == name), (name,))
-    return listed([effect_name(other) for other in group], "or")
+    return join_names([effect_name(other) for other in group], "or")
 
 
 def names(trial: Trial, between: str = " and ") -> str:
@@ -120,7 +120,7 @@ def summary(diagnosis: TableDiagnosis) -> list[str]:
         sentences += [effect(diagnosis.found, name) for name in diagnosis.found.names]
     for group in diagnosis.groups if diagnosis.verdict == "effects-found" else ():
         sentences.append(
-            f"This table does not distinguish {listed([effect_name(name) for name in group], 'from')}. "
+            f"This table does not distinguish {join_names([effect_name(name) for name in group], 'from')}. "
             f"{_would_tell(diagnosis)}"
         )
     if diagnosis.verdict == "unknown":
@@ -136,7 +136,7 @@ def effect(trial: Trial, name: str) -> str:
     known = statics.find(name)
     members = [member.name for member in trial.members(name)]
     values += [
-        f"it is {listed(members, 'or')}, which the table does not distinguish" if members[1:] else f"it is {m}"
+        f"it is {join_names(members, 'or')}, which the table does not distinguish" if members[1:] else f"it is {m}"
         for m in members[:1]
     ]
     strength = f": {'; '.join(values)}" if values else ""
@@ -168,7 +168,7 @@ def shape(diagnosis: TableDiagnosis) -> str:
     measured, rows = diagnosis.before.table.measured(), diagnosis.before.table.rows
     left = diagnosis.before.model.predict(diagnosis.before.table) / measured - 1
     worst = np.argsort(-np.abs(left))[:3]
-    return f"the model is off most in {listed([f'{measurement(rows[i])} ({percent(left[i])})' for i in worst])}."
+    return f"the model is off most in {join_names([f'{measurement(rows[i])} ({percent(left[i])})' for i in worst])}."
 
 
 def differences(comparison: TableComparison) -> bytes:

@@ -55,8 +55,8 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
         return f"{model} agrees with FEM in {what} within {100 * AGREEMENT:g} %."
     total = sum(split.values())
     gaps = {piece: (value - formula.get(piece, 0.0)) / total for piece, value in split.items()}
-    missing = _listed({piece: gap for piece, gap in gaps.items() if gap > NAMED})
-    excess = _listed({piece: -gap for piece, gap in gaps.items() if gap < -NAMED})
+    missing = _join_pieces({piece: gap for piece, gap in gaps.items() if gap > NAMED})
+    excess = _join_pieces({piece: -gap for piece, gap in gaps.items() if gap < -NAMED})
     gap = 100 * (1 - 1 / (1 + error))
     named = f"{model} ({MODELS[model]})" if first and model in MODELS else model
     text = (
@@ -70,7 +70,7 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
     return text
 
 
-def _listed(pieces: dict[str, float]) -> str:
+def _join_pieces(pieces: dict[str, float]) -> str:
     ranked = sorted(pieces.items(), key=lambda item: -item[1])[:5]
     return ", ".join(f"{PIECES.get(piece, piece)} {100 * value:.1f} %" for piece, value in ranked)
 

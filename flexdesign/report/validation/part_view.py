@@ -31,7 +31,7 @@ def view(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]])
     field = solution.input_field if validation.has_input else solution.output_field
     points, triangles = skin(validation, solution)
     fields = {"motion": load * field} | ({"stress": load * solution.von_mises / 1e6} if validation.has_input else {})
-    whole = mesh.mirrored(solution.positions, solution.nodes, validation.domain.planes, fields)[2]
+    whole = mesh.mirror_mesh(solution.positions, solution.nodes, validation.domain.planes, fields)[2]
     enlarged = round_down(DRAWN * extent(points) / float(np.linalg.norm(whole["motion"], axis=1).max()))
     states = [State(f"Deformation at {full}", 0, whole["motion"], enlarged, full=full)]
     if validation.has_input:
@@ -55,7 +55,9 @@ def _modes(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]
     solution = validation.modal.solution
     states = []
     for rank, (mode, shape) in enumerate(drawn, 1):
-        points, _, whole = mesh.mirrored(solution.positions, solution.nodes, validation.domain.planes, {"shape": shape})
+        points, _, whole = mesh.mirror_mesh(
+            solution.positions, solution.nodes, validation.domain.planes, {"shape": shape}
+        )
         moved = whole["shape"] * image_signs(validation, mode)[:, None]
         name = f"Mode {rank}, {units.significant(mode.frequency, 4)} Hz"
         states.append(State.of_mode(name, 1, moved, DRAWN * extent(points)))
@@ -65,7 +67,7 @@ def _modes(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]
 def skin(validation: Validation, solution: Solution) -> tuple[FloatArray, IntArray]:
     """Return the nodes of the whole part and the triangles of its skin, symmetry planes left out."""
     corners, planes = solution.nodes[:, :4], validation.domain.planes
-    points, tets, _ = mesh.mirrored(solution.positions, corners, planes, {})
+    points, tets, _ = mesh.mirror_mesh(solution.positions, corners, planes, {})
     triangles = mesh.boundary(tets)
     reach = float(np.ptp(points, axis=0).max())
     inside = np.zeros(len(triangles), dtype=bool)

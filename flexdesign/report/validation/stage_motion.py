@@ -9,7 +9,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.fem import cross_axis_coupling
 from flexdesign.fem.cross_axis_coupling import CrossMotion
 from flexdesign.fem.quantities.stage_modes import ModeShares
-from flexdesign.report.comparison_text import listed
+from flexdesign.report.comparison_text import join_names
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.validation.stage_text import Axes, measured_values, percent, share, written
 from flexdesign.report.wording import format_quantity
@@ -120,7 +120,7 @@ def _coarse(validation: StageValidation) -> list[str]:
                 off[kind] = max(off.get(kind, 0.0), gap)
     if not off:
         return []
-    most = listed([f"{100 * ratio:.2g} % in {kind}" for kind, ratio in off.items()])
+    most = join_names([f"{100 * ratio:.2g} % in {kind}" for kind, ratio in off.items()])
     return [
         "Large displacements are solved on the two coarsest meshes. The table below, rotations and pictures are of the "
         f"coarsest, which differs from the limit by up to {most}; travel and coupling elsewhere in this report are "

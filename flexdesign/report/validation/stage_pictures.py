@@ -170,7 +170,7 @@ def _draw_deformation(
     validation: StageValidation, axis: str, skins: Sequence[Skin], motions: Sequence[FloatArray]
 ) -> tuple[Scene, str]:
     sizes = [np.linalg.norm(each, axis=1) for each in motions]
-    largest, scale = _largest(motions), _enlarged(skins, motions)
+    largest, scale = _largest(motions), _enlargement(skins, motions)
     parted = _parted(validation, axis)
     scene = Scene(
         f"deformation_{axis}.png",
@@ -200,7 +200,11 @@ def _view(
     modes: Sequence[ModeShares],
 ) -> View:
     shown = [
-        (axis, f"inputs parted by {_parted(validation, axis)}", _enlarged(skins, [each[..., k] for each in displaced]))
+        (
+            axis,
+            f"inputs parted by {_parted(validation, axis)}",
+            _enlargement(skins, [each[..., k] for each in displaced]),
+        )
         for k, axis in enumerate(driven)
     ]
     names = [f"Mode {rank}, {units.significant(mode.mode.frequency, 4)} Hz" for rank, mode in enumerate(modes, 1)]
@@ -215,7 +219,7 @@ def _largest(motions: Sequence[FloatArray]) -> float:
     return max(float(np.linalg.norm(each, axis=1).max(initial=0.0)) for each in motions)
 
 
-def _enlarged(skins: Sequence[Skin], motions: Sequence[FloatArray]) -> float:
+def _enlargement(skins: Sequence[Skin], motions: Sequence[FloatArray]) -> float:
     """Return how many times as large displacements are drawn."""
     return _round_down(DRAWN * _extent(skins) / _largest(motions))
 

@@ -12,7 +12,7 @@ from flexdesign.core import units
 from flexdesign.core.model import Member
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord, Solution
-from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.meshing.mesh import mirror_mesh
 from flexdesign.fem.meshing.thin_regions import ThinRegions
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
@@ -57,8 +57,8 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
     force, boundary = quantities.stated_force(validation.study, level.solution)
     fields = {"motion": force * level.solution.input_field, "stress": force * level.solution.von_mises / 1e6}
     planes, solution = validation.domain.planes, level.solution
-    points, tets, whole = mirrored(solution.positions, solution.nodes, planes, fields)
-    vertices, linear, _ = mirrored(level.mesh.points, level.mesh.tets, planes, {})
+    points, tets, whole = mirror_mesh(solution.positions, solution.nodes, planes, fields)
+    vertices, linear, _ = mirror_mesh(level.mesh.points, level.mesh.tets, planes, {})
     motion, stress, label = whole["motion"], whole["stress"], "von Mises stress [MPa]"
     travel = np.linalg.norm(motion, axis=1)
     scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
@@ -103,8 +103,8 @@ def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
     if validation.has_input:
         load, boundary = quantities.stated_force(validation.study, solution)
     field = solution.input_field if validation.has_input else solution.output_field
-    points, tets, whole = mirrored(solution.positions, solution.nodes, planes, {"motion": load * field})
-    vertices, linear, _ = mirrored(level.mesh.points, level.mesh.tets, planes, {})
+    points, tets, whole = mirror_mesh(solution.positions, solution.nodes, planes, {"motion": load * field})
+    vertices, linear, _ = mirror_mesh(level.mesh.points, level.mesh.tets, planes, {})
     travel = np.linalg.norm(whole["motion"], axis=1)
     scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
     jobs = [
@@ -122,7 +122,7 @@ def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
         ),
     ]  # fmt: skip
     if validation.has_input:
-        stress = mirrored(solution.positions, solution.nodes, planes, {"s": load * solution.von_mises / 1e6})[2]["s"]
+        stress = mirror_mesh(solution.positions, solution.nodes, planes, {"s": load * solution.von_mises / 1e6})[2]["s"]
         top = float(stress[solution.thin_nodes].max())
         jobs.append(
             (
@@ -190,7 +190,7 @@ def reel(validation: Validation, modes: Sequence[tuple[ModeRecord, FloatArray]])
     """Return what is drawn of some modes of the whole part, the one that carries the output moving."""
     solution, main = validation.modal.solution, carrying_output(validation)
     shapes = {f"mode_{rank}.png": shape for rank, (_, shape) in enumerate(modes, start=1)}
-    points, tets, whole = mirrored(solution.positions, solution.nodes, validation.domain.planes, shapes)
+    points, tets, whole = mirror_mesh(solution.positions, solution.nodes, validation.domain.planes, shapes)
     shots = []
     for file, (mode, _) in zip(shapes, modes, strict=True):
         shape = whole[file] * part_view.image_signs(validation, mode)[:, None]

@@ -152,7 +152,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     limits = stage_condensation.gather_quantities(levels)
     driven = [
         stage_drives.Driven(
-            study, level, cache, stage_condensation.labelled(progress, f"mesh {number} of {len(levels)}")
+            study, level, cache, stage_condensation.with_label(progress, f"mesh {number} of {len(levels)}")
         ).motions()
         for number, level in enumerate(levels[:DRIVEN], 1)
     ]
@@ -266,7 +266,7 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     """Return a variant's quantities on the coarsest meshes, by key."""
     design = study.variants[label]
     other, found = replace(study, design=design), []
-    assembly, say = design.stage().assembly(), stage_condensation.labelled(progress, f"variant {label}")
+    assembly, say = design.stage().assembly(), stage_condensation.with_label(progress, f"variant {label}")
     kinds = stage_condensation.build_solids(other, assembly, say)
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         coarseness = study.mesh.refinement**power
