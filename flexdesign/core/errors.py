@@ -61,7 +61,7 @@ def import_remedy(error: BaseException) -> str:
 def shorten(text: str, longest: int) -> str:
     """Return a text, or its beginning and its end where it is longer than it may be.
 
-    >>> shortened("dimensions.hinge_thickness", 16)
+    >>> shorten("dimensions.hinge_thickness", 16)
     'dimensions…kness'
     """
     if len(text) <= longest:

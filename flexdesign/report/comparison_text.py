@@ -176,7 +176,7 @@ def span(response: str, value: float, digits: int = 4) -> str:
 def _suitable_text(response: str, value: float, usual: str, digits: int) -> str:
     """Write a size in its usual unit, or in one that has no long number; in the unit of the stage model if it has one.
 
-    >>> _suited("rad", 0.0, "urad", 3), _suited("rad", -0.25, "urad", 3), _suited("rad/V", 2.0, "urad/V", 3)
+    >>> _suitable_text("rad", 0.0, "urad", 3), _suitable_text("rad", -0.25, "urad", 3), _suitable_text("rad/V", 2.0, "urad/V", 3)
     ('0 µrad', '-250 mrad', '2.00 rad/V')
     """
     base, per, volt = usual.partition("/")
@@ -198,7 +198,7 @@ def percent(share: float) -> str:
 def join_names(names: Sequence[str], last: str = "and") -> str:
     """Write names as a sentence lists them.
 
-    >>> listed(["a", "b", "c"], "or")
+    >>> join_names(["a", "b", "c"], "or")
     'a, b or c'
     """
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
