@@ -176,8 +176,10 @@ def span(response: str, value: float, digits: int = 4) -> str:
 def _suitable_text(response: str, value: float, usual: str, digits: int) -> str:
     """Write a size in its usual unit, or in one that has no long number; in the unit of the stage model if it has one.
 
-    >>> _suitable_text("rad", 0.0, "urad", 3), _suitable_text("rad", -0.25, "urad", 3), _suitable_text("rad/V", 2.0, "urad/V", 3)
-    ('0 µrad', '-250 mrad', '2.00 rad/V')
+    >>> _suitable_text("rad", 0.0, "urad", 3), _suitable_text("rad", -0.25, "urad", 3)
+    ('0 µrad', '-250 mrad')
+    >>> _suitable_text("rad/V", 2.0, "urad/V", 3)
+    '2.00 rad/V'
     """
     base, per, volt = usual.partition("/")
     unit, size = base, abs(value) / units.factor(usual, response)
