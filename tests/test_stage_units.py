@@ -114,7 +114,7 @@ def test_a_comparison_is_printed_in_the_unit_that_the_model_says(
     np.savetxt(tmp_path / "slow.csv", table, delimiter=",", header="t [s],u [V],x [mrad]", comments="")
     with_unit(tmp_path, "3 urad/V", "mrad")
     said = command_line("compare", "stage.toml", "slow.csv")
-    assert said.code == 0 and "stroke 0.0620 mrad" in said.stdout
+    assert said.code == 0 and "Stroke: 0.0620 mrad" in said.stdout
     assert " mrad rms" in said.stdout and "µrad" not in said.stdout
     (tmp_path / "stage.toml").write_text(AXIS.format(gain="3 urad/V", actuator=""))
     said = command_line("compare", "stage.toml", "slow.csv")
@@ -129,5 +129,5 @@ def test_a_simulation_is_measured_in_the_unit_that_the_model_says(tmp_path: Path
     found = simulation.run(stage, {}, of_voltage, lambda _: None)
     seen = {q.name: q for case in found.cases for q in case.measures["x"]}
     assert seen["amplitude"].unit == "mm" and all("um" not in q.unit for q in seen.values())
-    drawn = simulation_figures.draw(found.cases[0].experiment, found.cases[:1], "mm")
+    drawn = simulation_figures.draw(found.cases[0].experiment, found.cases[:1], axis.response_units)
     assert b"x [mm]" in drawn[0].data and "µm".encode() not in drawn[0].data
