@@ -118,7 +118,7 @@ def test_a_comparison_is_printed_in_the_unit_that_the_model_says(
     assert " mrad rms" in said.stdout and "µrad" not in said.stdout
     (tmp_path / "stage.toml").write_text(AXIS.format(gain="3 urad/V", actuator=""))
     said = command_line("compare", "stage.toml", "slow.csv")
-    assert "stroke 62.0 µrad" in said.stdout and "mrad" not in said.stdout
+    assert "Stroke: 62.0 µrad" in said.stdout and "mrad" not in said.stdout
 
 
 def test_a_simulation_is_measured_in_the_unit_that_the_model_says(tmp_path: Path) -> None:
