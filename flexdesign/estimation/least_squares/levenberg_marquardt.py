@@ -18,9 +18,9 @@ from flexdesign.estimation.least_squares.residual_function import JacobianBlock,
 Array = NDArray[np.float64]
 #: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
 SMALL = 0.1
-#: An updated Jacobian is kept while a step lowers the cost by this share of the predicted reduction, and for this
-#: number of steps; it shows convergence if the last step reached this share of its prediction.
-LEAST_KEPT, LONGEST, SMALLEST_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
+#: An updated Jacobian serves while the gain ratio, actual by predicted reduction, is at least this, and for this
+#: number of steps; it shows convergence if the gain ratio of the last step was between these.
+LEAST_GAIN_RATIO, MOST_UPDATES, CONVERGED_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
@@ -144,7 +144,7 @@ def solve(
         # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
         if search.descend(effort.share) and (search.fresh or not effort.is_exact):
             return search.solution(True)
-        if search.looked == TWICE or not (left or effort.is_exact):
+        if search.jacobians_here == TWICE or not (left or effort.is_exact):
             break
         search.update_jacobian()
     return search.solution(False)
@@ -178,8 +178,8 @@ class _Search:
         may_hold: bool = True,
     ) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
-        self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
-        self.looked = 0
+        self.cost, self.damping, self.gain_ratio = problem.cost(x, residuals), DAMPING, 0.0
+        self.jacobians_here = 0
         parameters = problem.where.parameters
         self.kinked = np.array([bool(parameter.run and parameter.screen) for parameter in parameters], dtype=bool)
         # A rough fit only ranks candidates: other steps would cost it more simulations than they change its cost.
@@ -193,11 +193,11 @@ class _Search:
         self.jacobian = self.problem.jacobian(self.x, self.residuals, old)
         self.problem.symmetrise(self.jacobian)
         self.normal = _normal(self.problem, self.x, self.jacobian)
-        self.fresh, self.eased, self.looked = True, False, self.looked + 1
+        self.fresh, self.is_undamped, self.jacobians_here = True, False, self.jacobians_here + 1
 
     def descend(self, share: float) -> bool:
         """Take steps while the Jacobian is accurate; return whether less than this share can still be gained."""
-        for _ in range(LONGEST):
+        for _ in range(MOST_UPDATES):
             enough = max(self.small, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem, self.held)
@@ -206,21 +206,21 @@ class _Search:
                 # A step that was clipped to the bounds is no minimum of the bounded parabola.
                 self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 continue
-            if predicted_reduction <= enough and not self.eased:
+            if predicted_reduction <= enough and not self.is_undamped:
                 # Damping itself may keep promises small along a valley.
-                self.damping, self.eased = UNDAMPED, True
+                self.damping, self.is_undamped = UNDAMPED, True
                 continue
             if predicted_reduction <= enough and self.held.any():
                 self._release()
                 return False
             if predicted_reduction <= enough:
-                return self.fresh or SMALLEST_GAIN_RATIO[0] < self.kept < SMALLEST_GAIN_RATIO[1]
+                return self.fresh or CONVERGED_GAIN_RATIO[0] < self.gain_ratio < CONVERGED_GAIN_RATIO[1]
             tried = self.problem.residuals(self.x + step)
             reached = self.problem.cost(self.x + step, tried)
             if tried is not None and reached < self.cost:
                 was_fresh = self.fresh
                 self._go(step, tried, reached, predicted_reduction)
-                if self.kept < LEAST_KEPT:
+                if self.gain_ratio < LEAST_GAIN_RATIO:
                     if was_fresh:
                         self._hold()
                     return False
@@ -248,7 +248,7 @@ class _Search:
     def _release(self) -> None:
         """Let the initial states move again with the others, which have converged."""
         self.held, self.is_released = np.zeros(len(self.x), dtype=bool), True
-        self.damping, self.eased, self.looked = DAMPING, False, 0
+        self.damping, self.is_undamped, self.jacobians_here = DAMPING, False, 0
 
     def _go(self, step: Array, tried: list[Array], reached: float, predicted_reduction: float) -> None:
         """Take a step, and update the Jacobian by Broyden's formula (1965)."""
@@ -258,11 +258,11 @@ class _Search:
             missed = after - before - part.matrix @ step[part.places]
             part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
         self.problem.symmetrise(self.jacobian)
-        self.kept = (self.cost - reached) / predicted_reduction
+        self.gain_ratio = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
-        self.damping = max(self.damping * (DAMPING_DECREASE if self.kept > 0.5 else 1.0), UNDAMPED)
+        self.damping = max(self.damping * (DAMPING_DECREASE if self.gain_ratio > 0.5 else 1.0), UNDAMPED)
         self.normal = _normal(self.problem, self.x, self.jacobian)
-        self.fresh, self.eased, self.looked = False, False, 0
+        self.fresh, self.is_undamped, self.jacobians_here = False, False, 0
 
     def solution(self, is_settled: bool) -> Solution:
         """Return where the search stands."""
