@@ -184,3 +184,11 @@ def test_coverage_of_error_bars_is_that_of_the_example(kept: str, mesh: str, nam
     numbers = [units.significant(100 * found[f"median_{what}"], 2) for what in ("estimate", "error")]
     row = f"| {name} | {found['contained']} of {found['count']} | {numbers[0]} % | {numbers[1]} % |"
     assert row in page("evidence")
+
+
+def test_speed_ratios_are_those_of_the_kept_report() -> None:
+    rows = json.loads((EXAMPLES / "benchmarks" / "result.json").read_text(encoding="utf-8"))["rows"]
+    assert len(rows) > 0
+    for row in rows:
+        ratio = float(f"{row['other'] / row['own']:.2g}")
+        assert f"| {row['task']} | {row['equal']} | {row['peer']} | {ratio:g} |" in page("evidence")
