@@ -167,7 +167,7 @@ def test_what_initial_conditions_explain_is_a_column_of_the_table() -> None:
     table = comparison_report.errors(compared(acting(creep=CREEP)))
     assert table.columns[-1] == "offset alone"
     assert len({len(row) for row in table.rows} | {len(table.columns)}) == 1
-    assert "initial conditions of each run fitted" in table.caption
+    assert "initial conditions of each run are fitted" in table.caption
 
 
 def test_roles_and_order_change_nothing() -> None:
