@@ -8,7 +8,13 @@ from dataclasses import replace
 from flexdesign.estimation.criterion import LEVEL, WORSE
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model, refit, with_effects
+from flexdesign.estimation.model_selection.fitted_model import (
+    FittedModel,
+    fit_model,
+    largest_difference,
+    refit,
+    with_effects,
+)
 from flexdesign.estimation.uncertainty.intervals import intervals
 
 
@@ -76,8 +82,7 @@ def _moves(task: EstimationTask, fit: FittedModel, name: str) -> bool:
         return True
     inside = fit.solution.x[j] + (1.0 if math.isclose(fit.solution.x[j], where.lower[j], rel_tol=1e-6) else -1.0)
     after = fit.model.replace({name: value(where.parameters[j], inside)})
-    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
-    return max(difference(dataset, fit.model, after, task.weights) for dataset in suites) >= task.tolerance
+    return largest_difference(task, fit.model, after) >= task.tolerance
 
 
 def _is_open(fit: FittedModel, name: str, default: float) -> bool:

@@ -353,6 +353,12 @@ def difference(dataset: Dataset, before: Model, after: Model, weights: Mapping[s
     return max(_rms_difference(records, before, after, weights) for records in (plain, weighted) if records)
 
 
+def largest_difference(task: EstimationTask, before: Model, after: Model) -> float:
+    """Return how far two models differ in what they predict of the fitted or of the validation runs, the larger one."""
+    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
+    return max(difference(dataset, before, after, task.weights) for dataset in suites)
+
+
 def _rms_difference(records: Sequence[Record], before: Model, after: Model, weights: Mapping[str, Array]) -> float:
     squares, count = 0.0, 0
     own = [{p.name: p.null for p in model.parameters() if p.run and p.null is not None} for model in (before, after)]

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexdesign.core.model import Model
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, without_effect
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, largest_difference, without_effect
 from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns
 
 
@@ -107,8 +106,8 @@ def compare(
         needed=criterion.critical_value(score, sum(len(effect.free) for effect in added)) * after.discrepancy,
         helps=not is_validated or after.validation_chi2 < before.validation_chi2,
         share=share if is_validated else 1.0,
-        change=_relevance(task, before.model, after.model),
-        own_change=min(_relevance(task, without_effect(after.model, effect), after.model) for effect in added),
+        change=largest_difference(task, before.model, after.model),
+        own_change=min(largest_difference(task, without_effect(after.model, effect), after.model) for effect in added),
         tolerance=task.tolerance,
         trace=min((_trace(before, after, effect) for effect in added), default=math.inf),
         at_bound=tuple(effect.strength for effect in added if effect.strength in bounds),
@@ -127,12 +126,6 @@ def _trace(before: FittedModel, after: FittedModel, effect: Candidate) -> float:
         return math.inf
     records = before.solution.problem.dataset.records
     return score_of_columns(before.solution, [effect.trace(after.model, record.observation) for record in records])
-
-
-def _relevance(task: EstimationTask, before: Model, after: Model) -> float:
-    """Return how far two models differ in what they predict of the fitted or of the validation runs, the larger one."""
-    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
-    return max(difference(dataset, before, after, task.weights) for dataset in suites)
 
 
 def is_determined(fit: FittedModel, effect: Candidate) -> bool:
