@@ -426,6 +426,24 @@ def test_a_sweep_starts_from_the_sliders(browser: Any, server: Server) -> None:
     page.context.close()
 
 
+def test_what_is_typed_moves_slider_and_study(browser: Any, server: Server) -> None:
+    """A value beyond the end of its slider is taken; the study to begin with is about it, until somebody edits it."""
+    page = with_study(browser, server)
+    number = page.get_by_label("hinge thickness [mm]").and_(page.locator("input"))
+    study, slider = page.get_by_label("Study"), page.get_by_role("slider", name="hinge thickness [mm]")
+    number.fill("0.8")
+    number.press("Tab")
+    playwright.expect(study).to_have_value(re.compile('from = "0.64 mm", to = "0.96 mm"'), timeout=PATIENCE)
+    playwright.expect(slider).to_have_attribute("aria-valuemax", "0.8", timeout=PATIENCE)
+    playwright.expect(slider).to_have_attribute("aria-valuenow", "0.8", timeout=PATIENCE)
+    study.fill("# mine")
+    number.fill("0.7")
+    number.press("Tab")
+    playwright.expect(slider).to_have_attribute("aria-valuenow", "0.7", timeout=PATIENCE)
+    playwright.expect(study).to_have_value("# mine")
+    page.context.close()
+
+
 @pytest.mark.slow
 def test_an_optimum_ends_in_its_report(browser: Any, server: Server) -> None:
     page = with_study(browser, server)

@@ -45,6 +45,8 @@ LIGHT = Palette("#ffffff", "#1b1b1b", "#0b5fa5", "#5f6368", "#9a5b00", "#b3261e"
 DARK = Palette("#1b2127", "#e8eaed", "#79b8f0", "#9aa0a6", "#e0a33a", "#ff8a80")
 #: Lines that separate, on light and on dark paper alike.
 LINE = "#8a949e55"
+#: An ordinate about a curve that is zero everywhere; of other curves the chart chooses it.
+ZERO = {f":{end}": f"y => y.min === 0 && y.max === 0 ? {value} : null" for end, value in (("min", -1), ("max", 1))}
 #: Samples of a trace that a screen can show: of longer ones each stretch keeps its ends.
 POINTS = 1200
 
@@ -55,7 +57,7 @@ def trace_options(traces: Traces, palette: Palette = LIGHT) -> dict[str, Any]:
         {"left": 70, "right": 16, "top": 34, "height": "46%"},
         {"left": 70, "right": 16, "top": "64%", "height": "20%"},
     ]
-    name = {"nameLocation": "middle", "nameGap": 48, "nameTextStyle": {"color": palette.measured}}
+    name = {"nameLocation": "middle", "nameGap": 48, "nameTextStyle": {"color": palette.measured}, **ZERO}
     shown = {"color": palette.measured}
     axis = {"axisLabel": shown, "axisLine": {"lineStyle": shown}, "splitLine": {"lineStyle": {"color": LINE}}}
     floor = traces.floor

@@ -46,7 +46,8 @@ class DesignTab:
     def __init__(self, client: Client) -> None:
         self.client = client
         self.design: Design | None = None
-        self.changed = dict[str, str]()
+        self.moved = dict[str, float]()  # in the units of the parameters
+        self._last_field: ui.number | None = None
 
     # --- the page -------------------------------------------------------------------------------------------------
 
@@ -92,7 +93,7 @@ class DesignTab:
         field_error(self.name, "")
         field_error(self.problem, "")
         self.body.clear()
-        self.changed = {}
+        self.moved, self._last_field = {}, None
         try:
             self.design = await run.io_bound(fd.read_design, self.client.path_of(str(self.name.value or "")))
         except fd.InputError as error:
@@ -135,7 +136,8 @@ class DesignTab:
             ui.label(
                 "Dimensions that the study does not vary are as the sliders show them, if it is a study of this design."
             ).classes("text-caption")
-            self.study = ui.textarea("Study", value=self._starting_study()).classes("w-full font-mono")
+            self._offered = self._starting_study()
+            self.study = ui.textarea("Study", value=self._offered).classes("w-full font-mono")
             self.study.props('outlined rows="12"')  # where it is folded away it would not grow with its text
             with ui.row():
                 ui.button("Sweep", on_click=partial(self._study, "sweep")).props("no-caps outline")
@@ -149,8 +151,7 @@ class DesignTab:
         parameters = design.part_class.dimensions
         thick = [p for p in parameters if "thickness" in p.name and design.dimensions[p.name] > 0]
         parameter = min(thick, key=lambda p: design.dimensions[p.name], default=parameters[0])  # what bends
-        factor = parameter.factor
-        value = design.dimensions[parameter.name] / factor
+        value = self.moved.get(parameter.name, design.dimensions[parameter.name] / parameter.factor)
         return STUDY.format(
             title=design.title, file=self._written_name(), dimension=parameter.name, unit=parameter.unit,
             low=f"{0.8 * value:.4g}", high=f"{1.2 * value:.4g}",
@@ -182,26 +183,38 @@ class DesignTab:
         if number.value is None:
             field_error(number, "give a number")
             return
-        slider.value = number.value
-        self._set(parameter, float(number.value), number)
+        value = float(number.value)
+        slider.props["min"], slider.props["max"] = min(slider.props["min"], value), max(slider.props["max"], value)
+        slider.value = value
+        slider.update()
+        self._set(parameter, value, number)
         await self._predict()
 
     def _set(self, parameter: Parameter, value: float, number: ui.number) -> None:
-        self._moved = number
-        self.changed[parameter.name] = f"{value:.6g} {parameter.unit or ''}".rstrip()
+        """Take the value of a dimension; a study that nobody has edited is about the new one."""
+        self._last_field = number
+        self.moved[parameter.name] = value
+        if self.study.value == self._offered:
+            self.study.value = self._offered = self._starting_study()
+
+    @property
+    def changed(self) -> dict[str, str]:
+        """Dimensions that were moved, each with its unit."""
+        assert self.design is not None
+        units_of = {each.name: each.unit or "" for each in self.design.part_class.dimensions}
+        return {name: f"{value:.6g} {units_of[name]}".rstrip() for name, value in self.moved.items()}
 
     async def _predict(self) -> None:
         """Show what the compliance model says."""
         assert self.design is not None
-        moved = getattr(self, "_moved", None)
         try:
-            found = await run.io_bound(fd.formulas, self.design, dimensions=dict(self.changed))
+            found = await run.io_bound(fd.formulas, self.design, dimensions=self.changed)
         except fd.InputError as error:
-            field_error(moved if moved is not None else self.problem, str(error))
+            field_error(self._last_field or self.problem, str(error))
             return
         field_error(self.problem, "")
-        if moved is not None:
-            field_error(moved, "")
+        if self._last_field is not None:
+            field_error(self._last_field, "")
         rows = [[each.name, each.boundary, each.formatted()] for each in (found or {}).values()]
         self.formulas.set_content(charts.table(["quantity", "boundary", "value"], rows))
 
@@ -227,7 +240,7 @@ class DesignTab:
 
     async def _solve(self) -> None:
         assert self.design is not None
-        options = {"dimensions": self.changed} if self.changed else {}
+        options = {"dimensions": self.changed} if self.moved else {}
         await self._in_process("validate", str(self.design.file), options, self.solved)
 
     async def _study(self, verb: str) -> None:
@@ -235,6 +248,6 @@ class DesignTab:
         file = folder / "study.toml"
         file.write_text(self.client.with_paths(str(self.study.value)), encoding="utf-8")
         options: dict[str, Any] = {"store": str(folder / "answers")} if verb == "sweep" else {}
-        if self.changed and self._is_of_this_design(str(self.study.value)):
+        if self.moved and self._is_of_this_design(str(self.study.value)):
             options["dimensions"] = self.changed
         await self._in_process(verb, str(file), options, self.studied)

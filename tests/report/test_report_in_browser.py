@@ -288,3 +288,28 @@ def test_a_drawing_says_what_it_shows() -> None:
         "x [µm]; measured from -100 to 100; as designed from -90 to 90. "
         "residual [nm] over time [s]; as designed from -1e+04 to 1e+04."
     )
+
+
+def test_a_curve_of_zeros_stands_in_the_middle_of_one_unit(browser: Any, tmp_path: Path) -> None:
+    time = np.linspace(0.0, 1.0, 100)
+    traces = Traces([[Curve("flat", time, 0.0 * time)], [Curve("not flat", time, 5.0 + time)]], "time [s]", ["a", "b"])
+    path = tmp_path / "flat.html"
+    section = Section("Runs", [], [], [Figure.of_traces("flat.svg", traces, "Flat")])
+    path.write_text(render.to_html(Document("Flat", ["It is flat."], [section])))
+    with opened(browser, path) as page:
+        page.wait_for_selector("figure.lead .uplot")
+        flat, other = page.evaluate(
+            "document.querySelector('figure.lead').live.plots.map(p => [p.scales.y.min, p.scales.y.max])"
+        )
+    assert flat == [-1, 1]
+    assert 4 < other[0] <= 5 and 6 <= other[1] < 7
+
+
+def test_a_column_without_a_name_does_not_sort(browser: Any, tmp_path: Path) -> None:
+    table = Table(["", "size"], [["a", "2 m"], ["b", "1 m"], ["c", "3 m"]])
+    path = tmp_path / "table.html"
+    path.write_text(render.to_html(Document("Sizes", ["Three."], [Section("Sizes", [], [table])])))
+    with opened(browser, path) as page:
+        assert page.locator("thead button").count() == 1
+        page.get_by_role("button", name="size").click()
+        assert page.locator("tbody tr td:first-child").all_inner_texts() == ["b", "a", "c"]

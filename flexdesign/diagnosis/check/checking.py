@@ -98,6 +98,8 @@ class Check:
         Where the noise of each response was taken from, in words.
     tables
         Static tables, each with what is suspicious about it.
+    data
+        The runs and frequency responses themselves.
     """
 
     recordings: tuple[Recorded, ...]
@@ -105,6 +107,7 @@ class Check:
     shown: tuple[Coverage, ...]
     noise: dict[str, str]
     tables: tuple[TableFacts, ...] = ()
+    data: tuple[Run | FrequencyResponse, ...] = ()
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -154,6 +157,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
         coverage.coverage(list(kinds)),
         {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
         tuple(tables),
+        tuple(recordings),
     )
 
 

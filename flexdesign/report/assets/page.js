@@ -142,6 +142,7 @@
     [...table.tBodies[0].rows].forEach((row, place) => { row.place = place; });
     const heads = [...table.tHead.rows[0].cells];
     heads.forEach((head, column) => {
+      if (!head.textContent.trim()) return;
       const button = document.createElement("button");
       button.type = "button";
       button.append(...head.childNodes);
@@ -150,7 +151,7 @@
       head.setAttribute("aria-sort", "none");
       button.addEventListener("click", () => {
         const next = { none: "ascending", ascending: "descending", descending: "none" }[head.getAttribute("aria-sort")];
-        heads.forEach((other) => other.setAttribute("aria-sort", "none"));
+        heads.forEach((other) => { if (other.hasAttribute("aria-sort")) other.setAttribute("aria-sort", "none"); });
         head.setAttribute("aria-sort", next);
         sort(table, column, { none: 0, ascending: 1, descending: -1 }[next]);
       });

@@ -61,7 +61,10 @@ function showTraces(place, data, text) {
     const axis = { font, labelFont: font, stroke: () => colour("--soft"), grid: { stroke: "#8a949e40", width: 1 }, ticks: { stroke: "#8a949e", width: 1, size: 4 } };
     const options = {
       width: width(), height: last ? 232 : 200,
-      scales: { x: { time: false, min: range[0], max: range[1] } },
+      scales: {
+        x: { time: false, min: range[0], max: range[1] },
+        y: { range: (_, low, high) => (low === 0 && high === 0 ? [-1, 1] : uPlot.rangeNum(low, high, 0.1, true)) }, // else 0 to 100
+      },
       axes: [
         { ...axis, label: last ? data.x : "", labelSize: last ? 22 : 0, size: 30 },
         { ...axis, label: panel.y, labelSize: 22, size: 58 },

@@ -187,7 +187,7 @@ def _spectrum(seen: EffectResponse, unit: str, factor: float) -> Pair:
 
     return Pair(
         frequency[tones], at_tones(seen.without), at_tones(seen.affected), at_tones(seen.affected - seen.without),
-        "frequency [Hz]", f"amplitude [{unit}]", f"of the difference [{unit}]", "xy",
+        "frequency [Hz]", f"amplitude [{unit}]", f"difference [{unit}]", "xy",
     )  # fmt: skip
 
 

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
+
+import numpy as np
 
 from flexdesign.core import units, versions
 from flexdesign.core.serialise import header
 from flexdesign.diagnosis.check import Channel, Check, Coverage, Recorded
 from flexdesign.diagnosis.check.coverage import KIND_TEXTS
+from flexdesign.measurements.recordings import Run
+from flexdesign.report import charts
 from flexdesign.report.comparison_text import axis_unit
-from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.traces import thin_out
 
+#: Most recordings that are drawn, and panels side by side.
+PANELS, COLUMNS = 12, 2
 #: SI units of responses, which are written with the prefix that suits their range.
 RESPONSES = ("m", "rad", "m/V", "rad/V")
 
@@ -26,7 +34,7 @@ def table(check: Check) -> Table:
         parts = f"{each.parts} part{'s' if each.parts > 1 else ''}"
         rows.append([each.name, "static table", "–", f"{len(each.rows)} rows", parts, "; ".join(each.kinds)])
     heads = ["recording", "experiment", "role", "length", "rate or band", "channels: range, noise"]
-    return Table(heads, rows, "What is there")
+    return Table(heads, rows)
 
 
 def _length(each: Recorded) -> list[str]:
@@ -59,6 +67,10 @@ def document(check: Check) -> Document:
     summary = [_headline(check)]
     summary += [_sentence(each.recording, each.what, each.remedy) for each in check.suspicions]
     summary += _coverage(check)
+    return Document("Check of recordings", summary, partial(_sections, check))
+
+
+def _sections(check: Check) -> list[Section]:
     suspicious = Table(
         ["recording", "what is suspicious", "what to do"],
         [[each.recording or "all", each.what, each.remedy or "–"] for each in check.suspicions],
@@ -71,12 +83,48 @@ def document(check: Check) -> Document:
         ],
         "Which effects of the catalogue the recordings can show",
     )  # fmt: skip
-    sections = [Section("What is there", tables=[table(check)])]
+    sections = [Section("What is there", tables=[table(check)], figures=[_picture(check)] if check.data else [])]
     if check.suspicions:
         sections.append(Section("What is suspicious", tables=[suspicious]))
     tables = [effects] if check.shown else []
-    sections.append(Section("What a diagnosis can identify", _coverage(check), tables=tables))
-    return Document("Check of recordings", summary, sections)
+    sections.append(Section("What a diagnosis can identify", tables=tables))
+    return sections
+
+
+def _picture(check: Check) -> Figure:
+    """Draw the responses of each recording: over time, or their magnitude over frequency."""
+    from matplotlib.figure import Figure as Drawing
+
+    shown = check.data[:PANELS]
+    columns = min(len(shown), COLUMNS)
+    rows = -(-len(shown) // columns)
+    drawing = Drawing(figsize=(2.7 * columns, 1.7 * rows), layout="constrained")
+    for place, recording in enumerate(shown):
+        axes = drawing.add_subplot(rows, columns, place + 1)
+        charts.plain(axes)
+        axes.grid(color=charts.NEUTRAL, alpha=0.25)
+        axes.set_title(recording.name, color=charts.NEUTRAL, loc="left")
+        if isinstance(recording, Run):
+            _draw_run(axes, recording)
+        else:
+            size = np.abs(recording.response)
+            unit = axis_unit(f"{recording.si}/V", size)
+            axes.loglog(recording.frequencies, size / units.factor(unit, f"{recording.si}/V"), color=charts.COLOURS[0])
+            axes.set_ylabel(f"response [{unit}]")
+            axes.set_xlabel("frequency [Hz]")
+    more = f"; the first {len(shown)} of {len(check.data)}" if len(shown) < len(check.data) else ""
+    return Figure("recordings.svg", charts.svg(drawing), f"What each recording holds{more}")
+
+
+def _draw_run(axes: Any, run: Run) -> None:
+    """Draw the responses of a run, in the unit of the largest."""
+    names = [name for name in run.responses if run.si[name] == run.si[run.responses[0]]]
+    unit = axis_unit(run.si[names[0]], *(run.columns[name] for name in names))
+    for index, name in enumerate(names):
+        x, y = thin_out(run.time, run.columns[name])
+        axes.plot(x, y / units.factor(unit, run.si[name]), color=charts.COLOURS[index % 10], linewidth=0.8, label=name)
+    axes.set_ylabel(f"{', '.join(names[:3])} [{unit}]")
+    axes.set_xlabel("time [s]")
 
 
 def _kinds(each: Coverage) -> str:

@@ -103,6 +103,7 @@ def document(identification: Identification) -> Document:
         f"{name}: identification of axis {identification.axis}",
         summary(identification),
         partial(_sections, identification),
+        picture=f"{max(identification.runs, key=lambda run: run.rms).name}.svg",
     )
 
 
@@ -158,7 +159,7 @@ def _compare_with_noise(identification: Identification) -> str:
         return f"{comparison}: nothing in it says that the model lacks something."
     return (
         f"{comparison}: the model lacks physics. Values are the best fit; no interval is stated, as it would "
-        "count noise alone. `flexdesign diagnose`, with the same model and runs, finds what is missing."
+        "count noise alone. flexdesign diagnose, with the same model and runs, finds what is missing."
     )
 
 
@@ -213,7 +214,7 @@ def _figures(identification: Identification, run: RunComparison) -> list[Figure]
     left = residual[compared] / fine
     signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
     over_time = Traces(
-        [signal, [Curve("residual, measured minus predicted", t, left)]],
+        [signal, [Curve("measured minus predicted", t, left)]],
         "time [s]",
         [f"{identification.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"],
     )

@@ -173,9 +173,13 @@ def shape(diagnosis: TableDiagnosis) -> str:
 
 def differences(comparison: TableComparison) -> bytes:
     """Draw the difference of each row in percent, with what is no difference."""
-    labels = [measurement(row) for row in comparison.table.rows]
+    # A line for the quantity, one for the dimensions that were changed.
+    labels = [
+        ", ".join(measurement(row).split(", ")[:2]) + "".join(f",\n{part}" for part in measurement(row).split(", ")[2:])
+        for row in comparison.table.rows
+    ]
     measured = np.abs(comparison.table.measured())
-    figure, axes = charts.drawing(7.2, 0.32 * len(labels) + 1.2)
+    figure, axes = charts.drawing(charts.NARROW, 0.4 * len(labels) + 1.2)
     places = np.arange(len(labels))
     allowed = 100 * comparison.uncertainty.validation / measured
     axes.barh(places, 2 * allowed, left=-allowed, color=charts.NEUTRAL, alpha=0.3, height=0.8, label="no difference")

@@ -105,7 +105,7 @@ def _sections(simulation: Simulation) -> list[Section]:
 def _summary(simulation: Simulation) -> list[str]:
     cases = simulation.cases
     unstable = [case for case in cases if case.response.diverged is not None]
-    answer = published_rows.agreement(simulation) or _best_tracking(simulation)
+    answer = published_rows.agreement(simulation) or _best_tracking(simulation) or _first_found(simulation)
     count = len(simulation.plan.experiments)
     text = f"{count} experiment{'s' * (count != 1)}, {len(cases)} run{'s' * (len(cases) != 1)}"
     worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
@@ -133,6 +133,12 @@ def _best_tracking(simulation: Simulation) -> str:
                 f"{rest and f', {rest}'}."
             )
     return ""
+
+
+def _first_found(simulation: Simulation) -> str:
+    """Say what the first experiment with a measure for the terminal found."""
+    briefs = {each.name: _brief(simulation.of(each)) for each in simulation.plan.experiments}
+    return next((f"{name}: {text}." for name, text in briefs.items() if text), "")
 
 
 def digest(simulation: Simulation) -> Table:
@@ -250,7 +256,12 @@ def _text(quantity: Quantity | None) -> str:
     if not math.isfinite(quantity.value):
         return "never"
     # What is below a picometre, or a millionth of a percent, is rounding.
-    return "0" if abs(quantity.value) < (1e-12 if quantity.si == "m" else 1e-9) else quantity.formatted(3)
+    size = abs(quantity.value)
+    if size < (1e-12 if quantity.si == "m" else 1e-9):
+        return "0"
+    return (
+        units.to_text(quantity.value, "nm", 3, si="m") if quantity.si == "m" and size < 1e-8 else quantity.formatted(3)
+    )
 
 
 # --- what stands behind the numbers -------------------------------------------------------------------------------

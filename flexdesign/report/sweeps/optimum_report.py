@@ -56,7 +56,7 @@ def summary(optimum: Optimum) -> list[str]:
         text = f"Nothing was found that keeps all limits; the nearest breaks {broken}. {text}"
     elif optimum.plan.limits:
         text += f" It keeps {' and '.join(map(str, optimum.plan.limits))}."
-    agreement = f"{same} of {searches} searches ended there; {_who(optimum)}"
+    agreement = f"{same} of {searches} searches ended there. {_who(optimum)}"
     return [text, *_inaccurate(optimum), *_ends(optimum), *_like(optimum), agreement]
 
 
@@ -71,8 +71,8 @@ def _inaccurate(optimum: Optimum) -> list[str]:
 
 def _who(optimum: Optimum) -> str:
     if optimum.last.elements is None:
-        return "the numbers are those of the formulas, and unchecked."
-    return f"finite elements checked it in {len(optimum.rounds)} {'round' if len(optimum.rounds) == 1 else 'rounds'}."
+        return "The numbers are those of the formulas, and unchecked."
+    return f"Finite elements checked it in {len(optimum.rounds)} {'round' if len(optimum.rounds) == 1 else 'rounds'}."
 
 
 def optimum(optimum: Optimum) -> Table:

@@ -19,6 +19,8 @@ from flexdesign.workflows.sweeps.sensitivity import Indices
 Array = NDArray[np.float64]
 #: Most curves of other values in one drawing.
 CURVES = 8
+#: Most panels side by side.
+COLUMNS = 2
 #: Number of points drawn one by one; more as a picture.
 MANY = 2000
 
@@ -116,17 +118,19 @@ def _scatter(sweep: Sweep, quantity: str, numbers: Sequence[Factor]) -> Figure:
     """Draw a quantity over each of several numbers, a point for each case."""
     from matplotlib.figure import Figure as Drawing
 
-    drawing = Drawing(figsize=(2.4 * len(numbers) + 0.6, 2.6), layout="constrained")
+    columns = min(len(numbers), COLUMNS)
+    rows = -(-len(numbers) // columns)
+    drawing = Drawing(figsize=(2.7 * columns, 2.4 * rows), layout="constrained")
     y = sweep.results.in_unit(quantity)
-    for place, factor in enumerate(numbers, 1):
-        axes = drawing.add_subplot(1, len(numbers), place)
+    for place, factor in enumerate(numbers):
+        axes = drawing.add_subplot(rows, columns, place + 1)
         charts.plain(axes)
         axes.plot(factor_values(sweep, factor), y, ".", markersize=3, color=charts.COLOURS[0], rasterized=len(y) > MANY)
         _scale(axes, factor)
         _name_axes(
             axes,
             axis_label(factor.name, factor.unit),
-            axis_label(quantity, sweep.results.unit(quantity)) if place == 1 else "",
+            axis_label(quantity, sweep.results.unit(quantity)) if place % columns == 0 else "",
         )
     return Figure(_name("points", quantity), charts.svg(drawing), f"{quantity} of all cases over what varies")
 
@@ -165,12 +169,12 @@ def importance(indices: Mapping[str, Indices], names: Sequence[str]) -> Figure:
             axes.barh(place, each.total[index], height=0.8, color=colour, alpha=0.35)
             axes.errorbar(each.total[index], place, xerr=each.total_half[index], color=charts.NEUTRAL, capsize=2)
             axes.barh(place, max(each.first[index], 0.0), height=0.8, color=colour)
-            ticks.append((place, f"{quantity.replace('_', ' ')}: {name}"))
+            ticks.append((place, f"{quantity}: {name}".replace("_", " ")))
             place += 1.0
         place += 0.6
     axes.set_yticks([at for at, _ in ticks], [text.replace("|", "") for _, text in ticks])
     axes.invert_yaxis()
-    axes.set_xlabel("share of the variance: alone (full), and in all (pale)")
+    axes.set_xlabel("share of the variance\nalone (full), and in all (pale)")
     return Figure("importance.svg", charts.svg(figure), "Which factor matters for what")
 
 
