@@ -12,7 +12,9 @@ import pytest
 
 import flexdesign as fd
 from flexdesign.core import units
+from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing import header_cells, roles
+from flexdesign.measurements.importing.delimited import Dialect
 from flexdesign.measurements.importing.readers import read_contents
 from flexdesign.measurements.recordings import FrequencyResponse, Run, read_recordings, read_runs
 
@@ -162,6 +164,59 @@ def test_structure_arrays_and_cells_are_named_as_in_matlab(tmp_path: Path) -> No
     found = read_contents([tmp_path / "scope.mat"]).variables
     assert list(found) == ["out.signals(1).values", "out.signals(2).values", "cells{1}"]
     assert np.ravel(found["out.signals(2).values"].values()) == pytest.approx(X)
+
+
+def test_structures_and_cells_of_matlab_73(tmp_path: Path) -> None:
+    """As MATLAB writes them: fields of a structure array and cells are references, texts are numbers of letters."""
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "scope.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+
+        def kept(name: str, values: Any, kind: str) -> Any:
+            file[name] = values
+            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+            return file[name].ref
+
+        def letters(name: str, text: str) -> Any:
+            return kept(name, np.array([[ord(letter)] for letter in text], dtype=np.uint16), "char")
+
+        numbers = [kept(f"#refs#/{k}", values[:, None], "double") for k, values in enumerate((U, X))]
+        texts = [letters(f"#refs#/{name}", name) for name in ("Command", "Sensor", "V", "um")]
+        signals = file.create_group("out/Y")
+        signals.attrs["MATLAB_class"] = np.bytes_("struct")
+        for field, references in (("Data", numbers), ("Name", texts[:2]), ("Unit", texts[2:])):
+            signals.create_dataset(field, data=np.array([references], dtype=h5py.ref_dtype))
+        letters("cells_note", "warm")
+        cells = file.create_dataset("cells", data=np.array([[numbers[1]], [texts[0]]], dtype=h5py.ref_dtype))
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        kept("series", np.arange(6, dtype=np.uint32), "timeseries")
+        file["series"].attrs["MATLAB_object_decode"] = np.int32(3)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    found = read_contents([path]).variables
+    assert list(found) == ["cells{1}", "out.Y(1).Data", "out.Y(2).Data"]
+    second = found["out.Y(2).Data"]
+    assert (second.unit, second.label, second.shape) == ("um", "Sensor", (1, len(X)))
+    assert np.ravel(second.values()) == pytest.approx(X)
+    assert np.ravel(found["cells{1}"].values()) == pytest.approx(X)
+
+
+def test_one_of_several_tables_in_a_file_is_chosen(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """As analysers of ferroelectrics write their measurements, one below the other."""
+    numbers = rows(T, U, X, separator="\t")
+    first = "Table 1\nArea [mm2]: 1\nTime [s]\tV+ [V]\tD1 [nm]\n" + numbers
+    second = "Table 2\nArea [mm2]: 2\nTime [s]\tCommand [V]\tPosition [um]\n" + numbers
+    path = tmp_path / "loops.dat"
+    path.write_text(f"Hysteresis\n{first}\n{second}")
+    ended = command_line("import", str(path), "-o", str(tmp_path / "out"))
+    assert ended.code == 2
+    for words in ("loops.dat", "2 tables", "1: Time [s], V+ [V], D1 [nm]", "2: Time [s], Command [V]", "table = 1"):
+        assert words in ended.stderr
+    chosen = read_contents([path], Dialect(table=2))
+    assert list(chosen.variables) == ["Time", "Command", "Position"]
+    assert np.ravel(chosen.variables["Position"].values()) == pytest.approx(X, rel=1e-6)
+    with pytest.raises(InputError, match=r"text.table = 3: holds 2 tables"):
+        read_contents([path], Dialect(table=3))
 
 
 def test_a_rate_above_the_table_is_read(tmp_path: Path, command_line: Callable[..., Any]) -> None:

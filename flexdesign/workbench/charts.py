@@ -47,6 +47,8 @@ DARK = Palette("#1b2127", "#e8eaed", "#79b8f0", "#9aa0a6", "#e0a33a", "#ff8a80")
 LINE = "#8a949e55"
 #: An ordinate about a curve that is zero everywhere; of other curves the chart chooses it.
 ZERO = {f":{end}": f"y => y.min === 0 && y.max === 0 ? {value} : null" for end, value in (("min", -1), ("max", 1))}
+#: A record that begins within a hundredth of its length after zero is drawn from zero on.
+START = {":min": "x => x.min >= 0 && x.min < 0.01 * x.max ? 0 : x.min"}
 #: Samples of a trace that a screen can show: of longer ones each stretch keeps its ends.
 POINTS = 1200
 
@@ -72,10 +74,10 @@ def trace_options(traces: Traces, palette: Palette = LIGHT) -> dict[str, Any]:
         "axisPointer": {"link": [{"xAxisIndex": "all"}]},
         "grid": grid,
         "xAxis": [
-            {**axis, "type": "value", "gridIndex": 0, "axisLabel": {"show": False}, "min": "dataMin", "max": "dataMax"},
+            {**axis, "type": "value", "gridIndex": 0, "axisLabel": {"show": False}, "max": "dataMax", **START},
             {
                 **axis, "type": "value", "gridIndex": 1, "name": "time [s]", "nameLocation": "middle", "nameGap": 22,
-                "min": "dataMin", "max": "dataMax", "nameTextStyle": shown,
+                "max": "dataMax", "nameTextStyle": shown, **START,
             },
         ],
         "yAxis": [

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def matlab(path: Path) -> dict[str, Variable]:
     try:
         content = loadmat(path, struct_as_record=False, chars_as_strings=True)
     except NotImplementedError:  # version 7.3
-        return hdf5(path, of_matlab=True)
+        return _matlab_73(path)
     found: dict[str, Variable] = {}
     for name, value in content.items():
         if not name.startswith("__"):
@@ -56,8 +57,64 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, Variable]]:
         for number, element in enumerate(elements, start=1):
             index = "" if len(elements) == 1 else f"{{{number}}}" if is_cell else f"({number})"
             yield from _fields(f"{name}{index}", element)
+    elif isinstance(value, Variable):
+        yield name, value
     elif isinstance(value, np.ndarray) and is_numeric(value.dtype) and value.size:
         yield name, from_memory(value)
+
+
+def _matlab_73(path: Path) -> dict[str, Variable]:
+    """Read a .mat file of version 7.3; its arrays are read when they are asked for."""
+    h5py = library("h5py", path)
+    found: dict[str, Variable] = {}
+    with h5py.File(path, "r") as file:
+        for name, item in file.items():
+            if not name.startswith("#"):
+                found |= dict(_fields(name, _of_matlab(h5py, path, item)))
+    return found
+
+
+def _of_matlab(h5py: Any, path: Path, item: Any) -> Any:
+    """Return what an object of MATLAB's HDF5 holds, as SciPy returns it of older versions; arrays as variables.
+
+    Texts are numbers of their letters. Cells are references to their elements; a structure array has such references in
+    each of its fields. Objects of classes are left out: they are kept in a form of MATLAB's own.
+    """
+    kind = bytes(item.attrs.get("MATLAB_class", b""))
+    if "MATLAB_empty" in item.attrs or "MATLAB_object_decode" in item.attrs:
+        return None
+    if isinstance(item, h5py.Group):
+        fields = {name: _of_matlab(h5py, path, child) for name, child in item.items()}
+        is_array = any(
+            isinstance(child, h5py.Dataset) and _is_reference(h5py, child) and "MATLAB_class" not in child.attrs
+            for child in item.values()
+        )
+        if not is_array:
+            return SimpleNamespace(_fieldnames=list(fields), **fields)
+        count = min(len(field) for field in fields.values())
+        return _list(
+            [SimpleNamespace(_fieldnames=list(fields), **{n: v[k] for n, v in fields.items()}) for k in range(count)]
+        )
+    if _is_reference(h5py, item):
+        return _list([_of_matlab(h5py, path, item.file[reference]) for reference in item[()].ravel()])
+    if kind == b"char":
+        return np.array(["".join(map(chr, item[()].ravel()))])
+    in_parts = item.dtype.names == PARTS and all(is_numeric(item.dtype[part]) for part in PARTS)
+    if not item.size or not (in_parts or is_numeric(item.dtype)):
+        return None
+    read = partial(apart, path, _numbers, path, item.name, None, True)
+    return Variable(item.shape[::-1], read, is_complex=in_parts or item.dtype.kind == "c")
+
+
+def _is_reference(h5py: Any, item: Any) -> bool:
+    return h5py.check_ref_dtype(item.dtype) is not None
+
+
+def _list(elements: Sequence[Any]) -> Any:
+    """Return elements of any kind as an array."""
+    found = np.empty(len(elements), dtype=object)
+    found[:] = elements
+    return found
 
 
 def _structure(name: str, structure: Any) -> Iterator[tuple[str, Variable]]:
@@ -81,32 +138,26 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size == 1
 
 
-def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
-    """Read an HDF5 file: data sets as ``group/name``, columns of tables as ``table/column``; numbers may be complex.
-
-    MATLAB stores arrays by columns, HDF5 by rows: of a .mat file axes come back in MATLAB's order, names with points.
-    """
+def hdf5(path: Path) -> dict[str, Variable]:
+    """Read an HDF5 file: data sets as ``group/name``, columns of tables as ``table/column``; numbers may be complex."""
     h5py = library("h5py", path)
     found: dict[str, Variable] = {}
 
     def read(name: str, column: str | None) -> Any:
-        return partial(apart, path, _numbers, path, name, column, of_matlab)
+        return partial(apart, path, _numbers, path, name, column, False)
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or not item.size or item.dtype is None:
             return
         unit = _unit({key: item.attrs[key] for key in item.attrs})
-        label = name.replace("/", ".") if of_matlab else name
-        shape = item.shape[::-1] if of_matlab else item.shape
         in_parts = item.dtype.names == PARTS and all(is_numeric(item.dtype[part]) for part in PARTS)
         for column in () if in_parts else item.dtype.names or ():
             if is_numeric(item.dtype[column]):
                 is_complex = item.dtype[column].kind == "c"
-                found[f"{label}/{column}"] = Variable(shape, read(name, column), unit, is_complex=is_complex)
-        is_text = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
-        if in_parts or (not item.dtype.names and is_numeric(item.dtype) and not is_text):
+                found[f"{name}/{column}"] = Variable(item.shape, read(name, column), unit, is_complex=is_complex)
+        if in_parts or (not item.dtype.names and is_numeric(item.dtype)):
             is_complex = in_parts or item.dtype.kind == "c"
-            found[label] = Variable(shape, read(name, None), unit, is_complex=is_complex)
+            found[name] = Variable(item.shape, read(name, None), unit, is_complex=is_complex)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
@@ -114,7 +165,10 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
 
 
 def _numbers(path: Path, name: str, column: str | None, of_matlab: bool) -> Any:
-    """Return the numbers of a data set or of a column of it."""
+    """Return the numbers of a data set or of a column of it.
+
+    MATLAB stores arrays by columns, HDF5 by rows: of a .mat file axes come back in MATLAB's order.
+    """
     with library("h5py", path).File(path, "r") as file:
         values = file[name][()] if column is None else file[name][column]
     if column is None and values.dtype.names == PARTS:

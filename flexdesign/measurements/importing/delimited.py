@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +37,15 @@ class Dialect:
         Lines above the header row.
     encoding
         Of the text; UTF-8 and UTF-16 are recognised, else Windows' western European.
+    table
+        Which table of several in one file, from 1 on.
     """
 
     separator: str | None = None
     decimal: str | None = None
     skip: int | None = None
     encoding: str | None = None
+    table: int | None = None
 
 
 def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable], tuple[str, ...]]:
@@ -55,13 +59,16 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     Raises
     ------
     InputError
-        If there are no rows of numbers, or rows differ in length.
+        If there are no rows of numbers, rows differ in length, or there are several tables and none is chosen.
     """
     lines = [line.rstrip("\r") for line in _decode(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
     content = [line for line in lines if line.strip()]
     separator = dialect.separator or _separator(content)
     table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in content]
     decimal = dialect.decimal or _decimal(table)
+    if dialect.table is not None or len(_tables(table, decimal)) > 1:
+        chosen = _chosen(path, table, decimal, dialect.table)
+        content, table = content[chosen], table[chosen]
     numeric = _numeric(table, decimal)
     first = next((k for k, row in enumerate(table) if _is_data(row, decimal, numeric)), None)
     if first is None:
@@ -86,6 +93,49 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
             numbers = np.array([_number(cell, decimal) for cell in cells]) if of_day is None else of_day
             found[name] = from_memory(numbers, units[k] if of_day is None else "s")
     return found, notes
+
+
+def _tables(table: Sequence[Sequence[str]], decimal: str) -> list[slice]:
+    """Return the lines of each table of a file, with the lines above it.
+
+    A line of words below rows of numbers begins another table if at least three rows of numbers follow. It has no
+    number; a line of the same word in all cells is a row without values.
+    """
+    cuts = [k for k, row in enumerate(table) if _is_heading(row, decimal)]
+    ends = []
+    for begin, end in zip([-1, *cuts], [*cuts, len(table)], strict=True):
+        rows = islice((row for row in table[begin + 1 : end] if _is_mostly_numbers(row, decimal)), 3)
+        if len(widths := [len(row) for row in rows]) == 3 and len(set(widths)) == 1:
+            ends.append(end)
+    return [slice(begin, end) for begin, end in pairwise([0, *ends])]
+
+
+def _is_heading(row: Sequence[str], decimal: str) -> bool:
+    filled = [cell for cell in row if cell]
+    is_one_word = len(filled) > 1 and len(set(filled)) == 1
+    has_letters = any(cell[0].isalpha() and cell.lower() not in ("nan", "inf") for cell in filled)
+    return has_letters and not is_one_word and not any(_is_number(cell, decimal) for cell in filled)
+
+
+def _is_mostly_numbers(row: Sequence[str], decimal: str) -> bool:
+    return 2 * sum(_is_number(cell, decimal) for cell in row) > len(row)
+
+
+def _chosen(path: Path, table: Sequence[Sequence[str]], decimal: str, number: int | None) -> slice:
+    """Return the lines of the table that is chosen of several."""
+    found = _tables(table, decimal)
+    if number is not None and number <= len(found):
+        return found[number - 1]
+    if not found:  # what is wrong is told where its rows are read
+        return slice(None)
+    heads = list[str]()
+    for each in found:
+        first = next(k for k in range(each.start, each.stop) if _is_mostly_numbers(table[k], decimal))
+        heads.append(f"{len(heads) + 1}: {', '.join(filter(None, table[first - 1])) if first else 'without a header'}")
+    remedy = f"holds {len(found)} table{'s' * (len(found) != 1)} ({'; '.join(heads)})"
+    if number is None:
+        raise InputError(path, "", None, f"{remedy}; say which in [text] of a map: table = 1")
+    raise InputError(path, "text.table", number, remedy)
 
 
 def _numeric(table: Sequence[Sequence[str]], decimal: str) -> frozenset[int]:

@@ -49,7 +49,7 @@ and each makes runs of its own, named after the file. A run with ``files = ["sco
 
 What ``measurements.toml`` may say (``command_is``, ``limits``, ``sensors``, ``role`` ...) may stand here as well, and
 is passed on. Channels are chosen; each realisation is a run of its own; periods follow one another in time. A table in
-text that is not understood is described in ``[text]``: separator, decimal, skip, encoding.
+text that is not understood is described in ``[text]``: separator, decimal, skip, encoding, table.
 """
 
 from __future__ import annotations
@@ -121,6 +121,7 @@ class TextTable(toml_files.Table):
     decimal: Annotated[str | None, BeforeValidator(_decimal)] = None
     skip: whole(0, 10_000_000) | None = None  # type: ignore[valid-type]
     encoding: str | None = None
+    table: whole(1, 10_000) | None = None  # type: ignore[valid-type]
 
 
 class VariableTable(toml_files.Table):

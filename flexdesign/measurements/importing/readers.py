@@ -52,7 +52,9 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
     for path in paths:
         variables, remark = _open(path, dialect)
         if not variables:
-            raise InputError(path, "", None, "holds no array of numbers")
+            objects = "; of an object, such as a timeseries, save the numbers: t = ts.Time, u = ts.Data"
+            remedy = f"holds no array of numbers{objects if path.suffix.lower() == '.mat' else ''}"
+            raise InputError(path, "", None, remedy)
         notes += remark
         found += [(path, name, variable) for name, variable in variables.items()]
     times = Counter(name for _, name, _ in found)
