@@ -51,4 +51,6 @@ smartquotes = False  # they would turn --out into a dash
 html_theme = "furo"
 html_title = f"flexdesign {__version__}"
 html_copy_source = False
+html_static_path = ["_site/static"]
+html_css_files = ["narrow.css"]
 html_show_sphinx = False

@@ -34,6 +34,16 @@ def test_rows_are_printed_and_written(
     assert found["rows"][0]["ratio"] == 246.0 and "numpy" in found["versions"]
 
 
+def test_a_kept_result_is_reported_again(tmp_path: Path) -> None:
+    rows = [{"task": "a", "equal": "1 %", "peer": "p", "own": 2.0, "other": 1.0, "ratio": 0.5}]
+    rows.append({**rows[0], "task": "b", "other": 300.0, "ratio": 150.0})
+    (tmp_path / "kept.json").write_text(json.dumps({"rows": rows, "processors": 3, "load": 0.4}))
+    assert table.main(["--result", str(tmp_path / "kept.json"), "--out", str(tmp_path / "out")]) == 0
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "Peers take 0.5 to 150 times the processor time of flexdesign; more in 1 of 2 comparisons." in report
+    assert "3 processors" in report and "| b | 1 % | p | 2.0 s | 150 |" in report
+
+
 def test_an_unknown_task_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         table.main(["flying"])

@@ -283,4 +283,4 @@ def test_residuals_of_any_model_can_be_divided() -> None:
     again = comparison.where(
         {r.name: r.residual for r in found.runs}, found.observed, {r.name: r.predicted for r in found.runs}, found.noise
     )
-    assert again == found.where
+    assert repr(again) == repr(found.where)  # parts without limits have NaN, which equals nothing

@@ -2,6 +2,7 @@
 
     python -m studies.benchmarks                      # half an hour on an idle machine
     python -m studies.benchmarks simulation fits      # some of the tasks
+    python -m studies.benchmarks --result FILE        # the report of a kept result.json
 
 Both sides of a row solve the same task to the same accuracy, one after the other. A ratio is that of processor times,
 which other load disturbs less than wall times: how many times as long the peer takes as flexdesign. Peers that are not
@@ -11,6 +12,7 @@ installed are named, and left out. Each module of this folder measures one task 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import sys
@@ -27,8 +29,8 @@ from flexdesign.core.versions import installed
 from flexdesign.design import design
 from flexdesign.dynamics.simulate import TOLERANCE
 from flexdesign.fem.multifidelity import FastSolid
-from flexdesign.report import render
-from flexdesign.report.document import Document, Section, Table
+from flexdesign.report import charts, render
+from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.terminal import plain
 from studies.benchmarks import dynamics, dynamics_peer, fem_peers, least_squares, stage_monolithic, sweep_evaluators
 from studies.benchmarks.fem_peer_case import Case
@@ -67,10 +69,15 @@ class Row:
         """How many times as long the peer takes."""
         return self.other / self.own
 
+    @property
+    def rounded(self) -> float:
+        """The ratio with two digits: no digit of a time beyond the second is repeated."""
+        return float(f"{self.ratio:.2g}")
+
     def cells(self) -> list[str]:
         """Return the row of the table."""
-        ratio = float(f"{self.ratio:.2g}")  # no digit of a time beyond the second is repeated
-        return [self.task, self.equal, self.peer, f"{units.significant(self.own, 2)} s", f"{ratio:g}"]
+        own = f"{units.significant(self.own, 2)} s"
+        return [self.task, self.equal, self.peer, own, f"{self.rounded:g}"]
 
 
 def processor_time() -> float:
@@ -156,32 +163,73 @@ TASKS: Mapping[str, Callable[[], Iterator[Row]]] = {
 }
 
 
+def document(rows: Sequence[Row], processors: int, load: float) -> Document:
+    """Return the report: how much longer the peers take, as bars and as a table."""
+    ratios = [row.rounded for row in rows]
+    longer = sum(ratio > 1 for ratio in ratios)
+    summary = [
+        f"Peers take {min(ratios):g} to {max(ratios):g} times the processor time of flexdesign; "
+        f"more in {longer} of {len(rows)} comparisons.",
+        f"Times are those of the machine of this run: {processors} processors; load at the end of the run: {load:.1f}.",
+    ]
+    bars = Figure(
+        "ratios.svg", _draw(rows), "Processor time of the peer over that of flexdesign; logarithmic",
+        alt=f"Bars of the ratios in the table, {min(ratios):g} to {max(ratios):g}, on a logarithmic axis",
+    )  # fmt: skip
+    return Document(
+        "Performance ratios", summary, [Section("Ratios", (), [Table(HEADS, [r.cells() for r in rows])], [bars])]
+    )
+
+
+def _draw(rows: Sequence[Row]) -> bytes:
+    figure, axes = charts.drawing(charts.NARROW, 0.42 * len(rows) + 0.8)
+    places = range(len(rows))
+    colours = [charts.COLOURS[row.rounded < 1] for row in rows]
+    axes.set_xscale("log")
+    axes.barh(places, [row.ratio - 1 for row in rows], left=1.0, height=0.6, color=colours)
+    for place, row in zip(places, rows, strict=True):
+        axes.annotate(
+            f"{row.rounded:g}", (max(row.ratio, 1.0), place), (4, 0), textcoords="offset points", va="center",
+            color=charts.NEUTRAL, fontsize=9,
+        )  # fmt: skip
+    axes.axvline(1.0, color=charts.NEUTRAL, linewidth=1)
+    axes.set_yticks(places, [f"{row.task},\n{row.peer}" for row in rows])
+    axes.set_xlim(min(0.5, *(0.8 * row.ratio for row in rows)), 2 * max(row.ratio for row in rows))
+    axes.invert_yaxis()
+    axes.set_xlabel("peer / flexdesign")
+    return charts.svg(figure)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table, and write it."""
     parser = argparse.ArgumentParser(prog="python -m studies.benchmarks", description="flexdesign and its peers")
     parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"of {', '.join(TASKS)} [default: all]")
+    parser.add_argument("--result", type=Path, metavar="FILE", help="write the report of a kept result.json")
     parser.add_argument("--out", type=Path, default=Path("reports/benchmarks"), help="folder of the report")
     given = parser.parse_args(arguments)
     if unknown := [name for name in given.tasks if name not in TASKS]:
         parser.error(f"{unknown[0]} is none of {', '.join(TASKS)}")
     render.prepare(given.out)
+    if given.result:
+        kept = json.loads(given.result.read_text(encoding="utf-8"))
+        rows = [Row(**{name: row[name] for name in Row.__annotations__}) for row in kept["rows"]]
+        render.write(given.out, document(rows, kept["processors"], kept["load"]), kept, {})
+        return 0
     rows = list[Row]()
     # Finite elements first: the peak memory of a process counts as that of those it starts.
     for name in (name for name in TASKS if name in (given.tasks or TASKS)):
         for row in TASKS[name]():
             rows.append(row)
             print(*row.cells(), sep=" | ", flush=True)
-    table = Table(HEADS, [row.cells() for row in rows])
-    text = [
-        "Processor time on the machine of this run, and how many times as long the peer takes.",
-        f"{os.cpu_count()} processors; load before the end of the run: {os.getloadavg()[0]:.1f}.",
-    ]
+    processors, load = os.cpu_count() or 1, round(os.getloadavg()[0], 1)
     result = {
+        "processors": processors,
+        "load": load,
         "rows": [{**vars(row), "ratio": row.ratio} for row in rows],
         "versions": installed(["numpy", "scipy", "numba", "scikit-fem", "ngsolve", "gmsh"]),
     }
-    render.write(given.out, Document("Performance ratios", text, [Section("Ratios", (), [table])]), result, {})
-    print(plain(table), given.out / "report.html", sep="\n")
+    render.write(given.out, document(rows, processors, load), result, {})
+    print(plain(Table(HEADS, [row.cells() for row in rows])), given.out / "report.html", sep="\n")
     return 0
 
 
