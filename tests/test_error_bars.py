@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from flexdesign.core.result_cache import Cache
-from flexdesign.fem.meshing import domain, profile
+from flexdesign.fem.meshing import domain, methods, profile
 from flexdesign.report import render
 from studies.error_bars import __main__ as command
 from studies.error_bars import bridge, report, trial
@@ -156,11 +156,11 @@ def test_what_the_reference_leaves_open_is_no_excuse() -> None:
 def test_kept_meshes_are_judged_by_the_estimate_of_today() -> None:
     raw = {key: [104.0, 102.0] for key in QUANTITIES}
     stale = ProgramResult(VALUES, VALUES, (1.8225e-5, 1e-5), raw, (1, 2), 1.0)
-    fresh = trial.update_estimates(stale, "extruded", 0.05)
+    fresh = trial.update_estimates(stale, methods.SCATTER, 0.05)
     assert fresh is not None and 98.0 < fresh.values["K_in_output_free"] < 102.0
     assert 0.0 < fresh.estimates["K_in_output_free"] < 4.0
-    assert trial.update_estimates(stale, "extruded", 1e-3) is None  # it would refine further
-    assert trial.update_estimates(replace(stale, error="no mesh"), "extruded", 0.05) is None
+    assert trial.update_estimates(stale, methods.SCATTER, 1e-3) is None  # it would refine further
+    assert trial.update_estimates(replace(stale, error="no mesh"), methods.SCATTER, 0.05) is None
 
 
 def test_files_of_other_questions_are_not_taken(tmp_path: Path) -> None:

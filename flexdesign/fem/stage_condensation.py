@@ -20,12 +20,11 @@ from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece
 from flexdesign.design.study import Study
 from flexdesign.fem import mesh_refinement
-from flexdesign.fem.convergence import MESH_NOISE, MeshNoise
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.mesh_refinement import LIBRARIES, MOST_LEVELS, Progress
 from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError
-from flexdesign.fem.meshing.methods import Extruded
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
 from flexdesign.fem.quantities.stage import of_stage
 from flexdesign.fem.solving.elasticity import Elasticity
@@ -50,8 +49,8 @@ class Kind:
     ----------
     name
         Of its class.
-    method
-        How it was meshed.
+    method, scatter
+        How it was meshed, and how far results lie apart on meshes made alike.
     elements
         How many there are in the stage.
     part
@@ -70,6 +69,7 @@ class Kind:
 
     name: str
     method: str
+    scatter: MeshNoise
     elements: int
     part: Superelement
     copies: int
@@ -227,8 +227,8 @@ def gather_quantities(levels: Sequence[StageLevel]) -> list[Quantity]:
 
 
 def mesh_noise_of(levels: Sequence[StageLevel]) -> MeshNoise:
-    """Return that of extruded meshes, unless a part was meshed the other way, whose scatter is larger."""
-    return MESH_NOISE if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
+    """Return the largest of the parts' meshes."""
+    return max((kind.scatter for kind in levels[0].kinds), key=lambda noise: (noise.relative, noise.share))
 
 
 def with_label(progress: Progress, label: str) -> Progress:
@@ -273,6 +273,5 @@ def _kind(
         raise InputError(file, "mesh", None, f"{error}; ask for a coarser mesh: mesh.levels, mesh.at_root") from error
     part = found.with_material(material)
     count, cached = len(kind.elements), stored is not None
-    return Kind(name, method.name, count, part, body.copies, hinges, seconds, cached, key), method.size(
-        mesh, coarseness
-    )
+    made = Kind(name, method.name, method.scatter, count, part, body.copies, hinges, seconds, cached, key)
+    return made, method.size(mesh, coarseness)

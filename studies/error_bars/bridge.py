@@ -147,8 +147,19 @@ class Roots:
         self.neck = self._neck(finer)
         self.depth = 0.75 * self.r
         spacing = 0.25 * finer if self.is_long else 0.5
-        self.columns = graded_lines(0.0, 1.0, spacing, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
+        self.columns = self._columns(spacing, finer)
+        # a rod's inner corner has the fillet's lines: of a long fillet they would be coarser than its outer corner's
+        self.rod_columns = self._columns(min(spacing, self.foot / self.depth), finer) if self.is_long else self.columns
         self.leaf = self._across(finer)
+
+    def _columns(self, spacing: float, finer: float) -> Array:
+        """Return the lines behind a fillet, as fractions of the depth of its patches."""
+        return graded_lines(0.0, 1.0, spacing, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
+
+    @property
+    def foot(self) -> float:
+        """Spacing at the corners of rods [m]."""
+        return 4 * self.sharp
 
     @property
     def is_long(self) -> bool:
@@ -199,10 +210,14 @@ class Roots:
         """Return the lines of a body from where the fillet ends to its own end."""
         return self.cut(self.reach, end, self.at_root, at_end or self.bulk)
 
-    def fillets(self, x: float, y: float, towards: int, slope: float) -> list[Array]:
-        """Return the patches A, B and C of a root at (x, y), the body lying `towards` 1 or -1 along x."""
+    def fillets(self, x: float, y: float, towards: int, slope: float, columns: Array | None = None) -> list[Array]:
+        """Return the patches A, B and C of a root at (x, y), the body lying `towards` 1 or -1 along x.
+
+        The `columns` lie behind the fillet, as fractions of the depth of its patches.
+        """
         if not self.r:
             return []
+        columns = self.columns if columns is None else columns
         inner, outer = (HALF_A_FILLET * (with_middles(part) + k) for part, k in ((self.neck, 0), (self.halves, 1)))
         leaf = with_middles(self.leaf) / self.t
         behind = x + towards * self.depth
@@ -218,22 +233,25 @@ class Roots:
         a = np.stack(np.broadcast_arrays(along[:, None], y + height[:, None] * leaf), axis=-1)
         middle = height[-1]
         front = points(along[-1], y + middle * leaf)
-        c = ruled_patch(front, points(behind, y + rise + middle * leaf), self.columns)
+        c = ruled_patch(front, points(behind, y + rise + middle * leaf), columns)
         along, height = arc(outer)
         level = middle + (self.reach - middle) * with_middles(self.halves)
         b = [
-            ruled_patch(points(along, y + side * height), points(behind, y + rise + side * level), self.columns)
+            ruled_patch(points(along, y + side * height), points(behind, y + rise + side * level), columns)
             for side in (1, -1)
         ]
         return [a, *b, c]
 
-    def body(self, x: float, y: float, towards: int, slope: float, below: Array, above: Array) -> list[Array]:
+    def body(
+        self, x: float, y: float, towards: int, slope: float, below: Array, above: Array, columns: Array | None = None
+    ) -> list[Array]:
         """Return all patches of a body up to `depth` behind a leaf's root; none if the root is sharp."""
         if not self.r:
             return []
-        columns = x + towards * self.depth * self.columns
-        outside = [sheared_patch(columns, y + rows, slope) for rows in (below, above)]
-        return self.fillets(x, y, towards, slope) + outside
+        columns = self.columns if columns is None else columns
+        behind = x + towards * self.depth * columns
+        outside = [sheared_patch(behind, y + rows, slope) for rows in (below, above)]
+        return self.fillets(x, y, towards, slope, columns) + outside
 
 
 def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
@@ -248,7 +266,7 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
     half, a, height = part.hinge_length / 2, part.arm_thickness / 2, part.input_block_height / 2
     roots = Roots(part.hinge_thickness, part.fillet_radius, part.arm_thickness, fineness)
     d, near, bulk, cut = roots.depth, roots.at_root, roots.bulk, roots.cut
-    foot = 4 * roots.sharp
+    foot = roots.foot
     straight = half - roots.r  # nothing of a right-circular notch
     at_leaf, largest = near, half * fineness.growth / 1.2
     if roots.is_long:
@@ -277,12 +295,13 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
         quarter += roots.body(end, yo, -1, slope, below, outside)
         if rods:
             below = -roots.beyond(yo - height, foot)[::-1]
-            quarter += roots.body(face, yo, 1, 0.0, below, outside)
+            quarter += roots.body(face, yo, 1, 0.0, below, outside, roots.rod_columns)
             quarter += [sheared_patch(x_rod, yo + join_lines(below, roots.core(), outside))]
         patches += [patch * (1.0, side) for patch in quarter]
     if rods:
-        columns = join_lines(face + d * roots.columns, x_rod) if roots.r else x_rod
-        x = join_lines(cut(block_in, face, bulk, near), columns, cut(columns[-1], block_out, foot, bulk))
+        columns = join_lines(face + d * roots.rod_columns, x_rod) if roots.r else x_rod
+        at_face = min(near, foot) if roots.is_long else near
+        x = join_lines(cut(block_in, face, bulk, at_face), columns, cut(columns[-1], block_out, foot, bulk))
         patches.append(sheared_patch(x, cut(-height, height, foot, foot)))
     else:
         patches += _block_without_rods(roots, face, yo, x_rod, outside)

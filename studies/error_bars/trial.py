@@ -22,6 +22,7 @@ from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.result_cache import Cache, content_key
 from flexdesign.design.study import Study
 from flexdesign.fem import mesh_refinement, quantities
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import domain, methods
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Bridge, Fineness, Reference
@@ -41,7 +42,6 @@ QUANTITIES = {
 #: Of designs with curved necks the nominal hinge stress as well.
 STRESS = "hinge_stress_1_N_of_actuator_force"
 ALL = {**QUANTITIES, STRESS: "hinge_stress"}
-SCATTER = {"extruded": methods.Extruded.scatter, "wild": methods.Unstructured.scatter}
 #: Levels of the reference's two meshes, and the powers of their growth that its error may fall with: 4 is that of
 #: quadratic displacements' energy and of the roots, which are refined accordingly; 6 has been seen.
 LEVELS, ORDERS = (1.0, 1.6), (4.0, 6.0)
@@ -108,7 +108,7 @@ def solve_reference(sample: SampledDesign, folder: Path, say: Say) -> ReferenceR
     An error that falls with a power p of the growth leaves (K_1 - K_2) / ((g_1 / g_2)^p - 1); the value is the middle
     of what the lowest and the highest p give, and its uncertainty half of their distance.
     """
-    question = content_key(sample.dimensions, sample.material, LEVELS, ORDERS, *_curved_key(sample))
+    question = content_key(sample.dimensions, sample.material, LEVELS, ORDERS, *_curved_key(sample), *_rods_key(sample))
     path = folder / f"{sample.number:02d}-reference.json"
     if (stored := _read_result(path, question)) is not None:
         return ReferenceResult(**stored)
@@ -142,7 +142,7 @@ def extrapolate(coarse: Reference, fine: Reference, keys: Sequence[str] = tuple(
     )
 
 
-def update_estimates(answer: ProgramResult, method: Method, accuracy: float) -> ProgramResult | None:
+def update_estimates(answer: ProgramResult, scatter: MeshNoise, accuracy: float) -> ProgramResult | None:
     """Return an answer with the estimates of today, from what its meshes gave; None if there would be other meshes.
 
     The program stops refining as soon as its estimate is small enough.
@@ -156,7 +156,7 @@ def update_estimates(answer: ProgramResult, method: Method, accuracy: float) -> 
         limits = dict(
             zip(
                 answer.raw,
-                mesh_refinement.extrapolate_quantities(meshes, answer.sizes[:count], SCATTER[method]),
+                mesh_refinement.extrapolate_quantities(meshes, answer.sizes[:count], scatter),
                 strict=True,
             )
         )
@@ -167,6 +167,12 @@ def update_estimates(answer: ProgramResult, method: Method, accuracy: float) -> 
     return None
 
 
+def _scatter(sample: SampledDesign, method: Method) -> MeshNoise:
+    if method == "wild":
+        return methods.Unstructured.scatter
+    return methods.SCATTER_OF_NECKS if sample.curved else methods.SCATTER
+
+
 def solve_design(
     sample: SampledDesign, method: Method, folder: Path, cache: Cache, say: Say, accuracy: float = ACCURACY
 ) -> ProgramResult:
@@ -174,7 +180,7 @@ def solve_design(
     question = content_key(sample.dimensions, sample.material, accuracy, method, *_curved_key(sample))
     path = folder / f"{sample.number:02d}-{method}.json"
     if (stored := _read_result(path, question)) is not None and (
-        answer := update_estimates(ProgramResult(**stored), method, accuracy)
+        answer := update_estimates(ProgramResult(**stored), _scatter(sample, method), accuracy)
     ):
         return answer
     say(f"solving by the program ({method})")
@@ -211,6 +217,11 @@ def _solve(study: Study, cache: Cache, keys: Sequence[str]) -> ProgramResult:
 def _curved_key(sample: SampledDesign) -> tuple[str, ...]:
     """Return what a question says of a curved design besides."""
     return (Path(sample.design).stem,) if sample.curved else ()
+
+
+def _rods_key(sample: SampledDesign) -> tuple[str, ...]:
+    """Return what tells references whose meshes are as fine at a rod's inner corners as at its outer ones."""
+    return ("inner corners",) if sample.curved and sample.dimensions["rod_length"] > 0 else ()
 
 
 def forget(folder: Path) -> None:

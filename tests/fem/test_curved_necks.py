@@ -37,15 +37,22 @@ FILLETS = replace(NOTCH, name="fillets", curvature_radius=math.inf, root_radius=
 
 @pytest.mark.parametrize("member", [NOTCH, FILLETS], ids=lambda m: m.name)
 def test_a_notch_is_refined_on_its_profile_and_not_inside_the_metal(member: Member) -> None:
-    """On the profile min(a t(s), sqrt(8 R d)), inside no more than b t(s); no roots at (+-l/2, +-t/2) in the metal."""
+    """On the profile min(a t(s), sqrt(8 R d)), inside no more than b t(s); no roots at (+-l/2, +-t/2) in the metal.
+
+    Where chords keep the profile's area, d is in proportion to t(s) times the cosine of the slope.
+    """
     neck = Neck(member, surface=0.1, inside=0.2, chord=1e-3 * T)
     s = np.linspace(-R, R, 41)
     height = member.thicknesses(s)
     assert height == pytest.approx(T + 2 * (R - np.sqrt(R**2 - s**2)), abs=1e-12)
     on_profile = np.column_stack([s, height / 2, np.zeros_like(s)])
     assert neck(on_profile, 0.5) == pytest.approx(np.minimum(0.1 * height, math.sqrt(8 * R * 1e-3 * T)))
+    kept = replace(neck, keeps_area=True)
+    chord = 1e-3 * np.maximum(T, height * np.sqrt(1 - (s / R) ** 2))
+    assert kept(on_profile, 0.5) == pytest.approx(np.minimum(0.1 * height, np.sqrt(8 * R * chord)), rel=1e-3)
     on_axis = np.column_stack([s, np.zeros_like(s), np.zeros_like(s)])
     assert np.all(neck(on_axis, 0.5) <= 0.2 * height * (1 + 1e-12))
+    assert neck.on_profile(on_profile).all() and not neck.on_profile(on_profile * [1.0, 1.03, 1.0]).any()
     assert neck.finest == neck(np.array([[0.0, T / 2, 0.0]]), 0.5)[0]
     assert sizing.necks_in([member, LEAF], EVERYWHERE) == [member]
 

@@ -45,7 +45,7 @@ def areas(points: Array, triangles: Array) -> Array:
 
 def test_fills_the_solid(found: tuple[Any, Domain, TaggedMesh]) -> None:
     _, body, mesh = found
-    assert mesh.volume == pytest.approx(body.volume, rel=1e-4)  # chords on fillets
+    assert mesh.volume == pytest.approx(body.volume, rel=1e-7)  # chords on fillets enclose their area
     assert signed_volumes(mesh.points, mesh.tets).min() > 0
     assert np.array_equal(boundary(mesh.tets), mesh.facets)
     assert areas(mesh.points, mesh.facets).sum() == pytest.approx(
@@ -54,7 +54,9 @@ def test_fills_the_solid(found: tuple[Any, Domain, TaggedMesh]) -> None:
 
 
 def test_facets_know_their_cad_face(found: tuple[Any, Domain, TaggedMesh]) -> None:
-    _, body, mesh = found
+    """Those on planes lie in them; those on fillets within the chord error, so that they enclose the area."""
+    part, body, mesh = found
+    chord = min(methods.CHORD * COARSE**2, methods.LARGEST_CHORD) * part.hinge_thickness
     for index, face in enumerate(body.faces):
         facets = mesh.on_face(index)
         assert areas(mesh.points, facets).sum() == pytest.approx(areas(face.points, face.triangles).sum(), rel=5e-3)
@@ -63,7 +65,7 @@ def test_facets_know_their_cad_face(found: tuple[Any, Domain, TaggedMesh]) -> No
             assert np.abs(corners @ face.normal - face.offset).max() < 1e-12
         elif face.axis is not None:
             away = (corners - face.axis[0])[:, :2]
-            assert np.abs(np.linalg.norm(away, axis=1) / face.radius - 1).max() < 1e-5
+            assert np.abs(np.linalg.norm(away, axis=1) - face.radius).max() < chord
 
 
 def test_tags_are_those_of_the_general_tagger(found: tuple[Any, Domain, TaggedMesh]) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_volumes
 from flexdesign.fem.meshing.planar import PlanarError, Size, Triangulation, triangulate
 from flexdesign.fem.meshing.section import Section
-from flexdesign.fem.meshing.sizing import Sizing, divide_line
+from flexdesign.fem.meshing.sizing import Sizing, count_pieces, divide_line
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,14 +45,22 @@ class Layers:
 
         A `count` sets their number, with the same grading.
         """
+        heights = low + divide_line(*self._wanted(low, high, free), count)
+        heights[-1] = high
+        return heights
+
+    def count(self, low: float, high: float, free: tuple[bool, bool]) -> float:
+        """Return how many layers of the wanted thickness there are between the ends, a broken number."""
+        return float(count_pieces(*self._wanted(low, high, free))[-1])
+
+    def _wanted(self, low: float, high: float, free: tuple[bool, bool]) -> tuple[FloatArray, FloatArray]:
+        """Return distances from the low end and the thickness wanted there, both (n,) [m]."""
         s = np.linspace(0.0, high - low, 4001)
         wanted = np.full(len(s), self.largest)
         for is_free, away in zip(free, (s, s[::-1]), strict=True):
             if is_free:
                 np.minimum(wanted, self.at_ends + self.growth * away, out=wanted)
-        heights = low + divide_line(s, wanted, count)
-        heights[-1] = high
-        return heights
+        return s, wanted
 
 
 def planar_size(section: Section, sizing: Sizing) -> Size:
@@ -71,7 +79,7 @@ def triangulate_section(section: Section, sizing: Sizing, chord: float) -> Trian
     sizing
         The target edge length, asked half-way between the ends.
     chord
-        Largest distance between a curved face and the mesh [m].
+        Largest distance between a curved face and the mesh [m]; on the profile of a neck the sizing limits it.
 
     Raises
     ------
@@ -79,9 +87,18 @@ def triangulate_section(section: Section, sizing: Sizing, chord: float) -> Trian
         If the section cannot be triangulated.
     """
     try:
-        return triangulate(section.outline, planar_size(section, sizing), chord)
+        return triangulate(section.outline, planar_size(section, sizing), _chord_beside_necks(section, sizing, chord))
     except PlanarError as error:
         raise MeshError(f"{error}; change mesh.at_root, or take the method wild") from error
+
+
+def _chord_beside_necks(section: Section, sizing: Sizing, chord: float) -> Size:
+    middle = (section.low + section.high) / 2
+
+    def allowed(points: FloatArray) -> FloatArray:
+        return np.where(sizing.on_profile(section.lifted(points, middle)), np.inf, chord)
+
+    return allowed
 
 
 def extrude(section: Section, sizing: Sizing, layers: Layers, chord: float, free: tuple[bool, bool]) -> TaggedMesh:

@@ -1,9 +1,9 @@
 """Graded triangulation of a plane section: edges as short as a sizing function asks for, vertices on the outline.
 
-Delaunay refinement: the outline is cut into pieces as long as wanted there, then circumcentres of triangles that are
-too large or too thin become vertices (Chew 1993), many in a round, until none is left; a few rounds of centroidal patch
-smoothing (Chen and Holst 2011) even the triangles out. Pieces of the outline that the Delaunay triangulation leaves
-out are halved until it has them, so that no edge has to be forced.
+Delaunay refinement: the outline is cut into pieces as long as wanted there, which enclose the area of its curves; then
+circumcentres of triangles that are too large or too thin become vertices (Chew 1993), many in a round, until none is
+left; a few rounds of centroidal patch smoothing (Chen and Holst 2011) even the triangles out. Pieces of the outline
+that the Delaunay triangulation leaves out are halved until it has them, so that no edge has to be forced.
 
 The same input gives the same triangles, so that meshes can be compared and results kept. The libraries for this would
 not do: Triangle and what wraps it are not free for every use, gmsh is under the GPL, and Netgen brings a second copy of
@@ -69,7 +69,7 @@ class Triangulation:
         return np.asarray(4 * np.sqrt(3) * _areas(self.points, self.triangles) / squares)
 
 
-def triangulate(outline: Sequence[Curve], size: Size, chord: float) -> Triangulation:
+def triangulate(outline: Sequence[Curve], size: Size, chord: float | Size) -> Triangulation:
     """Triangulate what an outline encloses.
 
     Parameters
@@ -79,7 +79,8 @@ def triangulate(outline: Sequence[Curve], size: Size, chord: float) -> Triangula
     size
         The edge length wanted [m] at points of shape (n, 2).
     chord
-        Largest distance between a curved edge and the pieces it is cut into [m].
+        Largest distance between a curved edge and the pieces it is cut into [m], or a function of points of shape
+        (n, 2).
 
     Raises
     ------
@@ -106,7 +107,7 @@ def triangulate(outline: Sequence[Curve], size: Size, chord: float) -> Triangula
 class _Boundary:
     """The outline, cut into pieces."""
 
-    def __init__(self, outline: Sequence[Curve], size: Size, chord: float) -> None:
+    def __init__(self, outline: Sequence[Curve], size: Size, chord: float | Size) -> None:
         self._outline = outline
         self._arcs = [
             np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(c.points, axis=0), axis=1))]) for c in outline
@@ -119,7 +120,7 @@ class _Boundary:
         places, pieces, owners = [], [], []
         first = 0
         for curve, arc, cuts in zip(self._outline, self._arcs, self._cuts, strict=True):
-            places.append(np.column_stack([np.interp(cuts, arc, curve.points[:, i]) for i in (0, 1)]))
+            places.append(_vertices(curve.points, arc, cuts))
             numbers = first + np.arange(len(cuts))
             pieces.append(np.column_stack([numbers[:-1], numbers[1:]]))
             owners.append(np.full(len(cuts) - 1, curve.face))
@@ -160,7 +161,7 @@ class _Boundary:
         return np.asarray((nearest > radius).all(axis=1))
 
 
-def _cuts(points: FloatArray, arc: FloatArray, size: Size, chord: float) -> FloatArray:
+def _cuts(points: FloatArray, arc: FloatArray, size: Size, chord: float | Size) -> FloatArray:
     """Return the arc lengths at which a curve is cut, so that each piece is about as long as wanted there."""
     s = np.linspace(0.0, arc[-1], 2001)
     places = np.column_stack([np.interp(s, arc, points[:, i]) for i in (0, 1)])
@@ -168,8 +169,33 @@ def _cuts(points: FloatArray, arc: FloatArray, size: Size, chord: float) -> Floa
     if len(points) > 2:
         turning = np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1])))).max()
         radius = arc[-1] / (len(points) - 1) / max(turning, 1e-12)  # smallest on the curve
-        wanted = np.minimum(wanted, np.sqrt(8 * radius * chord))
+        allowed = chord(places) if callable(chord) else chord
+        wanted = np.minimum(wanted, np.sqrt(8 * radius * allowed))
     return divide_line(s, wanted)
+
+
+def _vertices(points: FloatArray, arc: FloatArray, cuts: FloatArray) -> FloatArray:
+    """Return the vertices of a curve that is cut at arc lengths, so that the pieces enclose the curve's area.
+
+    Chords lie on the hollow side of a curve: with all vertices on it, the metal at a notch is too thick by two thirds
+    of the chord error on average. Each inner vertex is moved along the normal, by which it takes half of the area
+    between curve and chord on either side of it, and all of that next to an end. The mean thickness of a neck is then
+    off by the chord error to second order instead of the first.
+    """
+    places = np.column_stack([np.interp(cuts, arc, points[:, i]) for i in (0, 1)])
+    if len(points) < 3 or len(cuts) < 3:
+        return places
+    swept = np.concatenate([[0.0], np.cumsum(_cross(points[:-1], points[1:]) / 2)])
+    missing = np.diff(np.interp(cuts, arc, swept)) - _cross(places[:-1], places[1:]) / 2
+    missing[1:-1] /= 2
+    across = places[2:] - places[:-2]
+    normal = np.column_stack([across[:, 1], -across[:, 0]]) / (across**2).sum(axis=1, keepdims=True)
+    places[1:-1] += 2 * (missing[:-1] + missing[1:])[:, None] * normal
+    return places
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _interior(boundary: _Boundary, inner: FloatArray) -> tuple[FloatArray, IntArray]:

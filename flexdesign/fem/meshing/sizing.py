@@ -24,6 +24,9 @@ from flexdesign.fem.meshing.domain import Domain
 
 FloatArray = NDArray[np.float64]
 
+#: Points within this share of the thickness from the profile lie on it: CAD curves are sampled.
+ON_PROFILE = 1e-2
+
 
 @dataclass(frozen=True)
 class Neck:
@@ -39,20 +42,24 @@ class Neck:
     surface, inside
         a and b [1].
     chord
-        d [m].
+        d [m]; where chords keep the area of the profile that at the neck, and elsewhere as much as makes the error of
+        t(s), measured across the hinge, no larger a share of it.
+    keeps_area
+        Whether they do.
     """
 
     hinge: Member
     surface: float
     inside: float
     chord: float
+    keeps_area: bool = False
 
     @property
     def key(self) -> tuple[object, ...]:
         """What the field depends on, for the cache."""
         h = self.hinge
         shape = (h.start, h.end, h.thickness, h.width, h.root_radius, h.curvature_radius, h.notch)
-        return (*shape, self.surface, self.inside, self.chord)
+        return (*shape, self.surface, self.inside, self.chord, self.keeps_area)
 
     @property
     def finest(self) -> float:
@@ -60,7 +67,26 @@ class Neck:
         return float(min(self.surface * self.hinge.thickness, self._longest(np.zeros(1))[0]))
 
     def _longest(self, s: FloatArray) -> FloatArray:
-        return np.asarray(np.sqrt(8 * profile.radius(self.hinge, s) * self.chord))
+        return np.asarray(np.sqrt(8 * profile.radius(self.hinge, s) * self.chord * self._coarser(s)))
+
+    def _coarser(self, s: FloatArray) -> FloatArray:
+        """Return how many times the neck's chord error is allowed at s: t(s) cos(slope) / t(0), at least once."""
+        if not self.keeps_area:
+            return np.ones(np.shape(s))
+        step = 1e-4 * self.hinge.length
+        half = self.hinge.length / 2
+        low, high = np.clip(s - step, -half, half), np.clip(s + step, -half, half)
+        slope = (self.hinge.thicknesses(high) - self.hinge.thicknesses(low)) / (high - low) / 2
+        return np.asarray(np.maximum(1.0, self.hinge.thicknesses(s) / self.hinge.thickness / np.hypot(1.0, slope)))
+
+    def on_profile(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Tell which points of shape (n, 3) lie on the hinge's profile."""
+        away = points - np.array(self.hinge.centre)
+        axis, normal = profile.frame(self.hinge)
+        s, n = np.abs(away @ axis), np.abs(away @ normal)
+        half = self.hinge.length / 2
+        thickness = self.hinge.thicknesses(np.minimum(s, half))
+        return np.asarray((s <= 1.001 * half) & (np.abs(n - thickness / 2) <= ON_PROFILE * thickness))
 
     def __call__(self, points: FloatArray, growth: float) -> FloatArray:
         """Return the target edge length [m] at points of shape (n, 3); beyond the hinge's ends it grows on."""
@@ -122,6 +148,10 @@ class Sizing:
         for neck in self.necks:
             np.minimum(size, neck(points, self.growth), out=size)
         return size
+
+    def on_profile(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Tell which points of shape (n, 3) lie on the profile of a curved hinge."""
+        return np.any([np.zeros(len(points), dtype=bool), *(neck.on_profile(points) for neck in self.necks)], axis=0)
 
     @property
     def finest(self) -> float:
