@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from studies.benchmarks import least_squares as benchmark
 from studies.benchmarks.least_squares import MANNERS, SolverOutcome, Task
+from tests.estimation import play_problems
 from tests.estimation.toys import TRUTH
 
 TASKS = {task.name: task for task in benchmark.formulas()}
@@ -73,3 +74,9 @@ def test_only_costs_that_differ_by_more_than_a_last_step_differ() -> None:
 def test_a_case_of_the_trial_is_a_problem() -> None:
     task = next(benchmark.tasks_of_case(20004, benchmark.cases.SEED))
     assert task.name == "single-20004: calibration" and task.make().dataset.samples > 0
+
+
+def test_a_play_operator_is_a_problem() -> None:
+    tasks = list(benchmark.loops())
+    assert len(tasks) == play_problems.SEEDS
+    assert {"r", "w"} < set(tasks[0].make().where.names)

@@ -1,9 +1,10 @@
 """Marquardt's method of `estimation.least_squares` and SciPy's trust-region method, on the same problems::
 
-    python -m studies.benchmarks.least_squares              # cases of the trial, and formulas: three minutes
+    python -m studies.benchmarks.least_squares              # trial, loops and formulas: three minutes
     python -m studies.benchmarks.least_squares 20004 20101  # these cases of `studies.hidden_effect_trial` only
 
-Of every case the calibration is solved, and the fit with the hidden effect. Both methods begin at the same point, have
+Of every case the calibration is solved, and the fit with the hidden effect; and a play operator with unknown initial
+states, which has kinks and many local minima, in twenty runs. Both methods begin at the same point, have
 the same bounds and the same Jacobian, found by the same differences record by record, and stop where a step lowers the
 cost by the same share. SciPy's is `least_squares` with `method="trf"`, coordinates scaled by the Jacobian. A simulation
 is one of all fitted runs. Every solver runs twice, in turn, in one process; the shorter processor time counts.
@@ -55,6 +56,7 @@ from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.terminal import plain
 from studies.hidden_effect_trial import cases, folder
+from tests.estimation import play_problems
 from tests.estimation.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 Array = NDArray[np.float64]
@@ -249,6 +251,13 @@ def formulas() -> Iterator[Task]:
     yield Task("Rosenbrock's valley", _formula(valley, run(valley, {"x": 1.0, "y": 1.0}, t[:2]), 1e-2, {}))
 
 
+def loops() -> Iterator[Task]:
+    """Yield fits of a play operator with unknown threshold and initial states; noise a fiftieth of its width."""
+    for seed in range(play_problems.SEEDS):
+        about = play_problems.problem(seed, 0.01)
+        yield Task(f"loop: play operator {seed}", _problem_maker(about.task, about.model, (about.effect,)))
+
+
 def _formula(model: Toy, seen: Any, sigma: float, known: dict[str, tuple[float, float]]) -> Callable[[], Problem]:
     where = coordinates(model, [p.name for p in model.every], known)
     dataset = Dataset([seen], White(sigma), lambda each: (np.zeros((len(each.measured()), 0)), np.zeros(0)))
@@ -273,8 +282,8 @@ def row(name: str, found: dict[str, SolverOutcome]) -> list[str]:
     ]
 
 
-#: Parts of the report: formulas and fits to runs.
-PARTS = ("Formulas", "Fits to runs")
+#: Parts of the report.
+PARTS = ("Formulas", "Hysteresis loops", "Fits to runs")
 HEADS = (
     "problem",
     "cost, own",
@@ -319,8 +328,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     tasks = (task for number in given.numbers or CASES for task in tasks_of_case(number, given.seed))
     found = {(part, how): dict[str, dict[str, SolverOutcome]]() for how in MANNERS for part in PARTS}
-    for task in (*(() if given.numbers else formulas()), *tasks):
-        part = PARTS[": " in task.name]
+    for task in (*(() if given.numbers else (*formulas(), *loops())), *tasks):
+        part = PARTS[1 if task.name.startswith("loop: ") else 2 * (": " in task.name)]
         for how, manner in MANNERS.items():
             found[part, how][task.name] = compare_solvers(task, manner)
             print(how, *row(task.name, found[part, how][task.name]), sep="  ", file=sys.stderr, flush=True)
