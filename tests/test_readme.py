@@ -16,6 +16,7 @@ from flexdesign.diagnosis import initialised_comparison
 from flexdesign.dynamics import stage_model
 from flexdesign.measurements import recordings
 from flexdesign.report import comparison_text as words
+from studies.benchmarks import least_squares
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -192,3 +193,17 @@ def test_speed_ratios_are_those_of_the_kept_report() -> None:
     for row in rows:
         ratio = float(f"{row['other'] / row['own']:.2g}")
         assert f"| {row['task']} | {row['equal']} | {row['peer']} | {ratio:g} |" in page("evidence")
+
+
+def test_ratios_of_fits_are_those_of_the_kept_report() -> None:
+    problems = json.loads((EXAMPLES / "least_squares" / "result.json").read_text(encoding="utf-8"))["problems"]
+    for part in least_squares.PARTS:
+        for how in least_squares.MANNERS:
+            found = {
+                each["problem"]: {name: least_squares.SolverOutcome(**each[name]) for name in least_squares.SOLVERS}
+                for each in problems
+                if each["manner"] == how and least_squares.part_of(each["problem"]) == part
+            }
+            r = least_squares.ratio(found)
+            ends = f"| {r.alike} of {len(found)} | {r.own_lower} | {r.scipy_lower} |"
+            assert f"| {part.lower()} | {how} {ends} {r.simulations:.2f} | {r.seconds:.2f} |" in page("evidence")

@@ -23,6 +23,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from statistics import geometric_mean
 from typing import Any, cast
 
 import numpy as np
@@ -301,22 +302,56 @@ def is_lower(a: SolverOutcome, b: SolverOutcome) -> bool:
     return b.cost - a.cost > max(SMALL, SAME * a.cost)
 
 
-def summary(found: dict[str, dict[str, SolverOutcome]]) -> list[str]:
-    """Return what the table comes to."""
+@dataclass(frozen=True)
+class Ratio:
+    """What a number of problems come to.
+
+    Parameters
+    ----------
+    alike, own_lower, scipy_lower
+        In how many both reach the same cost, and in how many each reaches a lower one.
+    simulations, seconds
+        SciPy's over own, geometric means where both reach the same cost.
+    """
+
+    alike: int
+    own_lower: int
+    scipy_lower: int
+    simulations: float
+    seconds: float
+
+
+def ratio(found: dict[str, dict[str, SolverOutcome]]) -> Ratio:
+    """Return what the problems come to."""
     pairs = [(each["own"], each["SciPy"]) for each in found.values()]
     same = [(a, b) for a, b in pairs if not is_lower(a, b) and not is_lower(b, a)]
+    return Ratio(
+        len(same),
+        sum(is_lower(a, b) for a, b in pairs),
+        sum(is_lower(b, a) for a, b in pairs),
+        geometric_mean([b.simulations / a.simulations for a, b in same]) if same else math.nan,
+        geometric_mean([b.seconds / a.seconds for a, b in same]) if same else math.nan,
+    )
+
+
+def summary(found: dict[str, dict[str, SolverOutcome]]) -> list[str]:
+    """Return the same as text."""
+    total = ratio(found)
     lines = [
-        f"{len(pairs)} problems: both methods reach the same cost in {len(same)}; own is lower in "
-        f"{sum(is_lower(a, b) for a, b in pairs)}, SciPy's in {sum(is_lower(b, a) for a, b in pairs)}."
+        f"{len(found)} problems: both methods reach the same cost in {total.alike}; own is lower in "
+        f"{total.own_lower}, SciPy's in {total.scipy_lower}."
     ]
-    if same:
-        simulations = math.exp(float(np.mean([math.log(b.simulations / a.simulations) for a, b in same])))
-        seconds = math.exp(float(np.mean([math.log(b.seconds / a.seconds) for a, b in same])))
+    if total.alike:
         lines.append(
-            f"Where they do, SciPy's takes {simulations:.2f} times the simulations and {seconds:.2f} times the seconds "
-            "(geometric means)."
+            f"Where they do, SciPy's takes {total.simulations:.2f} times the simulations and {total.seconds:.2f} times "
+            "the seconds (geometric means)."
         )
     return lines
+
+
+def part_of(problem: str) -> str:
+    """Return the part of the report in which a problem stands, by its name."""
+    return PARTS[1 if problem.startswith("loop: ") else 2 * (": " in problem)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -329,7 +364,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tasks = (task for number in given.numbers or CASES for task in tasks_of_case(number, given.seed))
     found = {(part, how): dict[str, dict[str, SolverOutcome]]() for how in MANNERS for part in PARTS}
     for task in (*(() if given.numbers else (*formulas(), *loops())), *tasks):
-        part = PARTS[1 if task.name.startswith("loop: ") else 2 * (": " in task.name)]
+        part = part_of(task.name)
         for how, manner in MANNERS.items():
             found[part, how][task.name] = compare_solvers(task, manner)
             print(how, *row(task.name, found[part, how][task.name]), sep="  ", file=sys.stderr, flush=True)
