@@ -126,7 +126,7 @@ def _chosen(path: Path, table: Sequence[Sequence[str]], decimal: str, number: in
     found = _tables(table, decimal)
     if number is not None and number <= len(found):
         return found[number - 1]
-    if not found:  # what is wrong is told where its rows are read
+    if not found:  # the message follows where its rows are read
         return slice(None)
     heads = list[str]()
     for each in found:
