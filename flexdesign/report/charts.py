@@ -26,9 +26,9 @@ _SURPLUS = re.compile(rb"(\.\d\d)\d+")
 COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8d6e63", "#5f9ea0", "#d0506a", "#9aa5af")
 
 
-def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
-    """Draw stacked bars: for each named compliance, the percentage that each piece carries."""
-    figure, axes = drawing(7.2, 0.55 * len(split) + 1.7)
+def shares(split: Mapping[str, Mapping[str, float]], label: str, width: float = 7.2) -> bytes:
+    """Draw stacked bars: of each name, how much each piece has; `width` in inches."""
+    figure, axes = drawing(width, 0.55 * len(split) + 1.7)
     pieces = list(dict.fromkeys(piece for row in split.values() for piece in row))
     for position, row in enumerate(split.values()):
         left, right = 0.0, 0.0
@@ -43,6 +43,16 @@ def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
     axes.set_xlabel(label)
     below(figure, axes, 3)
     return svg(figure)
+
+
+def spoken(split: Mapping[str, Mapping[str, int]]) -> str:
+    """Return stacked bars of counts in words.
+
+    >>> spoken({"first": {"agrees": 2, "differs": 0}, "second": {"agrees": 1, "differs": 3}})
+    'first: 2 agrees; second: 1 agrees, 3 differs.'
+    """
+    rows = [f"{name}: {', '.join(f'{n} {piece}' for piece, n in row.items() if n)}" for name, row in split.items()]
+    return f"{'; '.join(rows)}."
 
 
 def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel: str, ylabel: str) -> bytes:

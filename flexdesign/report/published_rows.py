@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Compared, Simulation
+from flexdesign.report import charts
 from flexdesign.report.comparison_text import join_names
-from flexdesign.report.document import Section, Table
+from flexdesign.report.document import Figure, Section, Table
 
 #: Measures in words, in the order of tables.
 WORDS = {
@@ -37,6 +40,13 @@ WORDS = {
 ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
 #: Verdicts on numbers that say nothing about the model.
 SET, NOT_COMPARABLE, NOT_MEASURED = "used to set the model", "not comparable", "not measured"
+#: What may come of a published number, and how many did so, in words.
+OUTCOMES = {
+    "agrees": "agree with ours",
+    "differs": "differ",
+    "set": "were used to set the model",
+    "not comparable": "cannot be compared",
+}
 #: What settling means: the motion stays within this share of the step.
 BAND = 0.02
 
@@ -56,18 +66,32 @@ def table(simulation: Simulation) -> Table:
 
 def agreement(simulation: Simulation) -> str:
     """Say how many published numbers agree with ours; nothing where the study has none."""
-    column = [row[5] for row in table(simulation).rows]
-    if not column:
+    counts = _count(table(simulation).rows)
+    if not any(counts.values()):
         return ""
-    set_, open_ = column.count(SET), sum(column.count(text) for text in (NOT_COMPARABLE, NOT_MEASURED))
-    agreeing = sum("within" in text for text in column)
-    parts = {
-        "agree with ours": agreeing,
-        "differ": len(column) - agreeing - set_ - open_,
-        "were used to set the model": set_,
-        "cannot be compared": open_,
-    }
-    return f"Of {len(column)} published numbers {join_names([f'{n} {text}' for text, n in parts.items() if n])}."
+    parts = join_names([f"{count} {OUTCOMES[outcome]}" for outcome, count in counts.items() if count])
+    return f"Of {sum(counts.values())} published numbers {parts}."
+
+
+def _count(rows: Sequence[Sequence[str]]) -> dict[str, int]:
+    """Return how many rows of the table have each outcome."""
+    outcomes = Counter(_outcome(row[5]) for row in rows)
+    return {outcome: outcomes[outcome] for outcome in OUTCOMES}
+
+
+def _outcome(verdict: str) -> str:
+    if verdict in (NOT_COMPARABLE, NOT_MEASURED):
+        return "not comparable"
+    return "set" if verdict == SET else "agrees" if "within" in verdict else "differs"
+
+
+def _picture(found: Table) -> Figure:
+    """Draw how many published numbers of each experiment have each outcome."""
+    names = dict.fromkeys(row[0] for row in found.rows)
+    split = {name: _count([row for row in found.rows if row[0] == name]) for name in names}
+    drawn = charts.shares(split, "published numbers", charts.NARROW)
+    caption = "Published numbers of each experiment, compared with ours"
+    return Figure("published.svg", drawn, caption, alt=charts.spoken(split))
 
 
 def section(simulation: Simulation) -> Section:
@@ -76,7 +100,7 @@ def section(simulation: Simulation) -> Section:
     if not found.rows:
         return Section("Published numbers")
     text = "A difference within the uncertainty of the published number is no evidence for or against the model."
-    return Section("Published numbers and ours", [text, *_damping(simulation)], [found])
+    return Section("Published numbers and ours", [text, *_damping(simulation)], [found], [_picture(found)])
 
 
 def who(case: Case) -> str:

@@ -52,7 +52,7 @@ def write(outcomes: Sequence[Outcome], out: Path, seed: int = SEED) -> list[str]
     ]
     render.write(
         out,
-        Document("Hidden-effect trial", [seed_note(seed), *_summary(outcomes, judged)], sections),
+        Document("Hidden-effect trial", [*_summary(outcomes, judged), seed_note(seed)], sections),
         _result(outcomes, rates, seed),
         {},
     )
@@ -74,8 +74,9 @@ def _summary(outcomes: Sequence[Outcome], judged: JudgedCases) -> list[str]:
     right = sum(is_right(answer, found) for answer, found in judged)
     seconds = sorted(found.seconds for _, found in judged)
     said = [
-        f"{len(outcomes)} cases ({', '.join(f'{n} {kind}' for kind, n in kinds.items())}), made by a simulator that "
-        f"shares no code with the package; {right} verdicts are right."
+        f"{right} of {len(outcomes)} verdicts are right "
+        f"({', '.join(f'{n} {kind}' for kind, n in kinds.items())}); a simulator made the cases that shares no code "
+        "with the package."
     ]
     if seconds:
         said.append(

@@ -146,7 +146,7 @@ def _estimates(found: Sequence[Comparison]) -> str:
 
 
 def _picture(found: Sequence[Comparison]) -> Figure:
-    figure, axes = charts.drawing(6.4, 3.6)
+    figure, axes = charts.drawing(charts.NARROW, 3.6)
     share = (np.arange(len(found)) + 0.5) / len(found)
     for index, symbol in enumerate(SYMBOLS.values()):
         for rung, style in ((0, "--"), (-1, "-")):

@@ -7,7 +7,8 @@ from typing import Any
 from flexdesign.core import units
 from flexdesign.core.serialise import header
 from flexdesign.dynamics.stage_model import ResponseUnits
-from flexdesign.report.document import Document, Section, Table
+from flexdesign.report import charts
+from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation import simulation_figures
 from flexdesign.workflows.reproduction import VERDICTS, Item, Reproduction
 
@@ -36,7 +37,7 @@ RESPONSE = ResponseUnits("m", "um")
 
 def document(reproduction: Reproduction) -> Document:
     """Return the report."""
-    sections = [Section("The verdicts", [], [verdicts(reproduction)])]
+    sections = [Section("The verdicts", [], [verdicts(reproduction)], [_picture(reproduction)])]
     sections += [_section(reproduction, title, systems) for title, systems in SECTIONS]
     sections.append(_how(reproduction))
     return Document(reproduction.paper.title, _summary(reproduction), sections)
@@ -46,6 +47,19 @@ def verdicts(reproduction: Reproduction) -> Table:
     """Return how many rows have each verdict, and what it means."""
     rows = [[verdict, str(count), VERDICTS[verdict]] for verdict, count in reproduction.counted().items()]  # type: ignore[index]
     return Table(["verdict", "rows", "meaning"], rows)
+
+
+def _picture(reproduction: Reproduction) -> Figure:
+    """Draw how many rows of each system have each verdict."""
+    split = {
+        title.partition(",")[0]: {
+            verdict: sum(item.verdict == verdict for item in reproduction.items if item.system in systems)
+            for verdict in reproduction.counted()
+        }
+        for title, systems in SECTIONS
+    }
+    drawn = charts.shares(split, "rows", charts.NARROW)
+    return Figure("verdicts.svg", drawn, "Rows of each verdict, by system", alt=charts.spoken(split))
 
 
 def _summary(reproduction: Reproduction) -> list[str]:
