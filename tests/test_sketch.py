@@ -236,8 +236,12 @@ def test_fem_of_the_drawn_bridge_has_the_numbers_of_the_class(tmp_path: Path) ->
 def test_fem_of_an_example_agrees_with_its_rigid_bodies(name: str, tmp_path: Path) -> None:
     found = solved(str(SKETCHES / f"{name}.toml"), tmp_path)
     limit = 0.35 if name == "compound_bridge" else 0.1  # its bars bend, which rigid bodies do not
+    keys = {"K_in_output_free", "lambda_output_free", "K_out_input_free"}
+    if name == "parallelogram_guide":  # across the motion of its input, lambda is zero, and the blocks give way
+        keys = {"K_in_output_free"}
+    assert keys <= {comparison.fem.key for comparison in found.comparisons}
     for comparison in found.comparisons:
-        if comparison.fem.key in ("K_in_output_free", "lambda_output_free", "K_out_input_free"):
+        if comparison.fem.key in keys:
             assert abs(comparison.error("rigid bodies") or 0.0) < limit
 
 
@@ -256,7 +260,7 @@ def test_a_hinge_of_every_profile_is_drawn_as_its_member_says(profile: str, tmp_
 @pytest.mark.parametrize("profile", levers.PROFILES)
 def test_a_hinge_of_every_profile_gives_way_as_finite_elements_do(profile: str, tmp_path: Path) -> None:
     """Within 1 %, and an error of 0.5 % that is estimated."""
-    found = levers.solve(profile, tmp_path)
+    found = levers.solve(profile, tmp_path, 'mesh.accuracy="0.5 %"')
     for key in levers.KEYS:
         fem = found.fem[key]
         assert (fem.half_width or 0.0) < 5e-3 * abs(fem.value)
