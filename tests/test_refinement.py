@@ -38,7 +38,7 @@ def refined(
         return arguments[4]
 
     monkeypatch.setattr(mesh_refinement, "_level", level)
-    nothing: Any = None
+    nothing: Any = SimpleNamespace(ports=lambda: [SimpleNamespace(role="input")])
     asked, method = study.read("bridge_amplifier"), SimpleNamespace(require_room=lambda _: None)
     return (
         mesh_refinement.refine(asked, nothing, nothing, cast(Any, method), Cache(tmp_path), said.append),
@@ -128,7 +128,7 @@ def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried: list[float] = []
-    nothing: Any = None
+    nothing: Any = SimpleNamespace(ports=lambda: [SimpleNamespace(role="input")])
     method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0))
     monkeypatch.setattr(mesh_refinement, "_level", lambda *_, **__: None)
     monkeypatch.setattr(mesh_refinement, "gather_quantities", lambda *_: [])

@@ -1,6 +1,7 @@
 """A part read from a STEP file: the design says which of its faces are ports, and finite elements do the rest.
 
-No formulas are known of it, no members and no symmetry; the mesh is graded towards what is thin on the solid.
+No formulas are known of it and no members; the mesh is graded towards what is thin on the solid, and planes in which
+the solid is its own mirror image are found.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Linkage, Parameter, Quantity
 from flexdesign.core.model.linkage import Vector
 from flexdesign.core.toml_files import Bounds, Table, as_written, check, is_file
-from flexdesign.design import faces, step_file
+from flexdesign.design import faces, mirror, step_file
 from flexdesign.design.faces import MM, Query, SolidFace
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Axis, Port, Role, SymmetryPlane
@@ -90,6 +91,7 @@ class StepPart:
     #: What a STEP file does not contain: see `flexdesign.design.part.states`.
     left_out: ClassVar[frozenset[str]] = frozenset({"formulas", "formula_shares", "intermediates"})
     _ports: ClassVar[tuple[Port, ...] | None] = None
+    _planes: ClassVar[tuple[SymmetryPlane, ...] | None] = None
 
     @classmethod
     def body(cls) -> step_file.StepBody:
@@ -125,8 +127,11 @@ class StepPart:
         return Linkage({}, ())
 
     def symmetry(self) -> tuple[SymmetryPlane, ...]:
-        """Return no planes: nobody named any."""
-        return ()
+        """Return the coordinate planes in which solid and ports are their own mirror images."""
+        cls = type(self)
+        if cls._planes is None:
+            cls._planes = mirror.planes_of(self.solid(), self.faces(), self.ports())
+        return cls._planes
 
     def prismatic(self) -> Axis | None:
         """Return None: whether it is an extrusion is not stated."""
@@ -185,7 +190,7 @@ def load(name: str, tables: Mapping[str, Any], design_file: Path) -> type[StepPa
         raise InputError(design_file, "ports", ", ".join(checked), remedy)
     digest = hashlib.sha256(repr((str(path.resolve()), design_file, checked)).encode()).hexdigest()[:8]
     title = "".join(word.capitalize() for word in re.split(r"\W+|_", path.stem) if word) or "Step"
-    content = {"source_file": path, "design_file": design_file, "port_tables": checked, "_ports": None}
+    content = {"source_file": path, "design_file": design_file, "port_tables": checked, "_ports": None, "_planes": None}
     cls: type[StepPart] = type(title, (StepPart,), content | {"digest": digest})
     return cls
 

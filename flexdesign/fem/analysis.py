@@ -105,7 +105,7 @@ class Solution:
     @property
     def whole(self) -> bool:
         """Whether the compliance holds all motions of the ports, of every symmetry class, of a part without members."""
-        return bool(len(self.thin_nodes))
+        return bool(len(self.thin_nodes)) and bool(self.facts["every class"])
 
     def to_store(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and a JSON-ready table from which `from_store` makes the same record."""
@@ -214,7 +214,8 @@ def solve(
     fields: dict[str, FloatArray] = {}
     output = next((port.name for port in space.ports if port.role == "output"), "")
     rigid = [port for port in space.ports if port.rigid and port.name in space.retained]
-    thin_nodes, peaks = _thin_nodes(body, domain), np.zeros(0)
+    thin_nodes = _thin_nodes(body, domain)
+    peaks = np.zeros(6 if len(thin_nodes) else 0)
     solver, memory = "", 0
     for cls in port_compliance.classes(domain)[: None if all_classes else 1]:
         progress(f"{body.n_dofs} unknowns, {cls.name}")
@@ -227,8 +228,8 @@ def solve(
         if cls.is_symmetric:
             for name, motion in (("input", space.extension), ("output", space.output)):
                 fields[name] = (displacements @ (space.halves * (projection @ motion))).reshape(-1, 3)
-            if len(thin_nodes):
-                peaks = _peaks(body, displacements[:, space.rows(output)], thin_nodes)
+        if len(thin_nodes):  # a motion of an output that is its own mirror image fits one class, and is zero in others
+            peaks = np.maximum(peaks, _peaks(body, displacements[:, space.retained_rows(output)], thin_nodes))
         if mass is not None:
             found += _vibrations(system, mass, space, mode_count, actuator)
         system.factor.free()
@@ -257,6 +258,7 @@ def solve(
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),
             "loose vertices": len(mesh.loose),
+            "every class": all_classes or not domain.planes,
             "symmetric class": port_compliance.classes(domain)[0].name,
             "mass": material.density * mesh.volume * domain.copies,
             "solver": solver,

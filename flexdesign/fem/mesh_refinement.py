@@ -25,6 +25,7 @@ from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import local_thickness, methods, resolution_gate
 from flexdesign.fem.meshing.conforming import NoMesh
 from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.local_extrusion import LocalExtrusion
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading, Method, Unstructured
@@ -100,13 +101,15 @@ def refine(
     """
     require_memory(study, method, omit, study.design.file)
     asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
+    driven = any(port.role == "input" for port in part.ports())
     levels: list[Level] = []
     refused: InputError | None = None
     for power in range(study.mesh.levels - 1, omit - 1 - finest, -1):
         try:
             coarseness = study.mesh.refinement**power
-            # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
-            whole = all_classes and (coarseness > 1.0 or len(levels) < 2)
+            # Lateral motions and modes converge sooner: with three meshes the finest goes without them, unless they are
+            # all that is sought.
+            whole = all_classes and (coarseness > 1.0 or len(levels) < 2 or not driven)
             levels.append(_level(study, part, body, method, coarseness, cache, progress, all_classes=whole))
         except InputError as error:
             if not isinstance(error.__cause__, MeshError):
@@ -181,8 +184,8 @@ def _level(
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
     count = study.modes.count if all_classes else 0
-    if body.thin is not None and not body.planes:  # one class has what two planes would share among four
-        count *= 4
+    if body.thin is not None:  # one class has what two planes would share among four
+        count *= max(4 // body.copies, 1)
     material = design.material
     key = content_key(
         engine(), content_key(*tagged.arrays().values()), material.mechanics, actuator, count, all_classes,
@@ -261,11 +264,14 @@ def _check_mesh(method: Method, mesh: TaggedMesh, body: Domain, hinges: Sequence
 def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
     """Return the way to mesh that the study asks for, or else the fastest that the part allows."""
     asked = study.mesh
-    if asked.method == "extruded" and body.section is None:
+    if asked.method == "extruded" and body.section is None and body.extrusion is None:
         remedy = (
             "the part does not declare itself prismatic; leave the method out, or let the part's prismatic() say so"
         )
         raise InputError(study.design.file, "mesh.method", asked.method, remedy)
+    if body.thin is not None and body.extrusion is not None and asked.method != "wild":
+        given = asked.at_root or methods.EXTRUDED_GRADING[0], asked.growth or methods.EXTRUDED_GRADING[1]
+        return LocalExtrusion(body, *given, asked.largest, asked.envelope)
     if body.thin is not None:
         at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
         return LocalThickness(body, at_root, growth, asked.largest, asked.envelope, asked.method != "wild")

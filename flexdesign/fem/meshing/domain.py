@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Member
+from flexdesign.design import mirror
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
 from flexdesign.fem.meshing import developed, section, thin_regions
@@ -96,8 +97,8 @@ class Domain:
         Hash of the solid's boundary representation.
     section
         What is extruded, where the part declares itself prismatic.
-    thin
-        Where the solid is thin, found on it where the part names no hinges.
+    thin, extrusion
+        Where the solid is thin, and what is extruded if it is an extrusion: found on it where the part names no hinges.
     brep
         The solid's boundary representation [mm], of a part that names no hinges.
     joined
@@ -112,6 +113,7 @@ class Domain:
     fingerprint: str
     section: Section | None = None
     thin: ThinRegions | None = None
+    extrusion: Section | None = None
     brep: bytes = field(default=b"", repr=False)
     joined: tuple[int, ...] = ()
 
@@ -184,36 +186,37 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
     solid = whole
     for plane in planes:
         solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
-        if not _mirrors(whole, plane):
+        if not mirror.is_balanced(whole, plane.index):
             raise InputError("part", "symmetry", plane.axis, "the solid is not its own mirror image in this plane")
     thinnest, thin = _thinnest(part), None
     if math.isinf(thinnest):
-        thin = thin_regions.find(solid)
+        thin = thin_regions.find(whole)
         size = solid.BoundingBox().DiagonalLength * MM
         found = [_even_face(face, COARSER * CHORD * thin.thinnest, size) for face in solid.Faces()]
     else:
         found = [_face(face, chord, thinnest) for face in solid.Faces()]
-    groups = [port.faces for port in part.ports()]
+    swapped = {name for plane in planes for name in plane.swaps}
+    ports = [mirror.cut_port(port, whole, solid) for port in part.ports() if port.name not in swapped]
+    groups = [port.faces for port in ports]
     faces, first = _join(found, groups), list(range(len(found)))
     for group in groups:
         for index in group:
             first[index] = group[0]
-    for port in part.ports():
+    for port in ports:
         for plane in planes:
-            if port.name not in (*plane.swaps, *plane.swaps.values()) and abs(port.point[plane.index]) > 1e-9:
+            if port.name not in plane.swaps.values() and abs(port.point[plane.index]) > 1e-9:
                 remedy = f"its point must lie in the symmetry plane {plane.axis} = 0, or the plane must swap the port"
                 raise InputError("part", f"ports.{port.name}", port.point, remedy)
-    swapped = {name for plane in planes for name in plane.swaps}
-    ports = {port.name: face_of(port, faces) for port in part.ports() if port.name not in swapped}
     return Domain(
         faces=faces,
         planes=planes,
-        ports=ports,
+        ports={port.name: face_of(port, faces) for port in ports},
         plane_faces=tuple(faces_in(plane, faces) for plane in planes),
         volume=solid.Volume() * MM**3,
         fingerprint=hashlib.sha256(brep := _brep(solid)).hexdigest(),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
         thin=thin,
+        extrusion=None if thin is None else section.find(solid, thin.inward_at_hinges),
         brep=b"" if thin is None else brep,
         joined=tuple(first),
     )
@@ -258,17 +261,6 @@ def _one_solid(shape: Any, what: str) -> Any:
     if not solids[0].isValid():
         raise InputError("part", "solid", None, f"{what} is not valid: its boundary is open or crosses itself")
     return solids[0]
-
-
-def _mirrors(solid: Any, plane: SymmetryPlane) -> bool:
-    """Tell whether centre of mass and products of inertia are those of a body that mirrors onto itself."""
-    import cadquery as cq
-
-    size = solid.BoundingBox().DiagonalLength
-    centre = np.array(cq.Shape.centerOfMass(solid).toTuple())
-    inertia = np.array(cq.Shape.matrixOfInertia(solid))
-    products = np.delete(inertia[plane.index], plane.index)
-    return bool(abs(centre[plane.index]) < 1e-7 * size and np.abs(products).max() < 1e-7 * np.abs(inertia).max())
 
 
 def _half_space(solid: Any, plane: SymmetryPlane) -> Any:

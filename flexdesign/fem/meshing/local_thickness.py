@@ -229,7 +229,7 @@ class LocalThickness:
         fine = wanted < largest
         if not fine.any():
             fine[np.argmin(wanted)] = True
-        thinned = _thin_out(places[fine], np.minimum(wanted[fine], largest))
+        thinned = thin_out(places[fine], np.minimum(wanted[fine], largest))
         return ThicknessField(
             places[fine][thinned], np.minimum(wanted[fine], largest)[thinned], self.growth * coarseness, largest
         )
@@ -242,9 +242,9 @@ class LocalThickness:
         MeshError
             If one is off by more than its limit, missing, or not resolved.
         """
-        thin = self.thin
-        rays = Rays(mesh.points, mesh.facets)
-        checks = [self._measure(mesh, rays, *each) for each in zip(thin.hinges, thin.chosen, strict=True)]
+        thin, rays = self.thin, self._rays(mesh)
+        kept = [each for each in zip(thin.hinges, thin.chosen, strict=True) if self._keeps(each[0])]
+        checks = [self._measure(mesh, rays, *each) for each in kept]
         for found in checks:
             name, thickness = found.hinge.name, found.hinge.thickness * 1e3
             if np.isnan(found.deviation):
@@ -261,6 +261,20 @@ class LocalThickness:
                     f"{LEAST_ACROSS:g} at least are needed; reduce mesh.at_root"
                 )
         return checks
+
+    def _keeps(self, hinge: Member) -> bool:
+        """Tell whether a hinge lies in the domain, at least in part: centres are found on places that lie at random."""
+        return all(hinge.centre[plane.index] > -hinge.thickness / 2 for plane in self.domain.planes)
+
+    def _rays(self, mesh: TaggedMesh) -> Rays:
+        """Return rays through the surface of the whole: what symmetry planes cut is mirrored in them."""
+        cut = [face for faces in self.domain.plane_faces for face in faces]
+        points, facets = mesh.points, mesh.facets[~np.isin(mesh.faces, cut)]
+        for plane in self.domain.planes:
+            image = points * np.where(np.arange(3) == plane.index, -1.0, 1.0)
+            facets = np.concatenate([facets, facets + len(points)])
+            points = np.concatenate([points, image])
+        return Rays(points, facets)
 
     def _measure(self, mesh: TaggedMesh, rays: Rays, hinge: Member, chosen: NDArray[np.int64]) -> HingeCheck:
         thin = self.thin
@@ -323,7 +337,7 @@ class LocalThickness:
         return self.envelope * self.thin.thinnest
 
 
-def _thin_out(places: FloatArray, sizes: FloatArray) -> NDArray[np.int64]:
+def thin_out(places: FloatArray, sizes: FloatArray) -> NDArray[np.int64]:
     """Return the indices of places such that cells as wide as a third of the edge length have one each: the finest."""
     order = np.argsort(sizes)
     level = np.round(np.log2(sizes[order] / sizes[order[0]]))

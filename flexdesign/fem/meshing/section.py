@@ -130,6 +130,29 @@ def of_solid(solid: Any, axis: Axis, tolerance: float = 1e-6) -> Section:
     return Section(index, low * MM, high * MM, (caps[0], caps[1]), tuple(outline))
 
 
+def find(solid: Any, inward: FloatArray, perpendicular: float = 1e-7) -> Section | None:
+    """Return the section of a CAD solid if it is an extrusion along x, y or z; else None.
+
+    Parameters
+    ----------
+    solid
+        A CadQuery solid [mm].
+    inward
+        Directions across its hinges, to which the axis is perpendicular, unit vectors of shape (n, 3).
+    perpendicular
+        Largest cosine of the angle between them.
+    """
+    axes: tuple[Axis, ...] = ("x", "y", "z")
+    for index, axis in enumerate(axes):
+        if np.abs(inward[:, index]).max(initial=0.0) > perpendicular:
+            continue
+        try:
+            return of_solid(solid, axis)
+        except InputError:
+            continue
+    return None
+
+
 def _cap(faces: Sequence[Any], index: int, side: int, axis: Axis) -> int:
     """Return the one plane face whose outward normal points along the axis, forwards (1) or backwards (-1)."""
     found = [

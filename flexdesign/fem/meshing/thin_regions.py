@@ -76,6 +76,11 @@ class ThinRegions:
         return self.points[on] + self.inward[on] * self.thickness[on, None] / 2, self.thickness[on]
 
     @property
+    def inward_at_hinges(self) -> FloatArray:
+        """Inward unit normals at the places on hinges, shape (k, 3)."""
+        return self.inward[np.concatenate([[], *self.chosen]).astype(np.int64)]
+
+    @property
     def is_sharp(self) -> bool:
         """Whether a re-entrant edge lies next to a hinge, so that the stress there grows without bound."""
         if not len(self.roots):

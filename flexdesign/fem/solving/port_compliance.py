@@ -105,6 +105,11 @@ class PortSpace:
         index = [port.name for port in self.ports].index(name)
         return slice(6 * index, 6 * index + 6)
 
+    def retained_rows(self, name: str) -> slice:
+        """Return the places of one kept port among the motions of those that lie in the domain."""
+        index = self.retained.index(name)
+        return slice(6 * index, 6 * index + 6)
+
     def of_role(self, role: str) -> NDArray[np.bool_]:
         """Tell which kept motions belong to ports of a role, shape (6 * kept,)."""
         roles = {port.name: port.role for port in self.ports}

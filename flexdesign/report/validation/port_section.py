@@ -9,6 +9,7 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.design.faces import in_mm
+from flexdesign.fem.analysis import Solution
 from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.port_stiffness import FREE, HELD
 from flexdesign.fem.solving.port_compliance import MOTIONS
@@ -59,7 +60,7 @@ def summary(validation: Validation) -> list[str]:
 
 def strength(validation: Validation) -> Section:
     """Return how far each motion of a joint may go until it yields."""
-    solution, material = validation.finest.solution, validation.study.design.material
+    solution, material = _whole(validation), validation.study.design.material
     text = strength_text.strengths(material)[:1]
     note = "grows with refinement: a re-entrant edge is sharp" if validation.sharp else "on the finest mesh"
     rows = []
@@ -82,14 +83,19 @@ def result(validation: Validation) -> dict[str, Any] | None:
     """Return the matrices as result.json has them; None for a part that names its members."""
     if not _results(validation):
         return None
-    stiffness, compliance = port_stiffness.matrices(validation.finest.solution.compliance)
+    stiffness, compliance = port_stiffness.matrices(_whole(validation).compliance)
     return {
         "motions": list(MOTIONS),
         "unit": "N/m, N/rad, N m/rad",
         "stiffness": stiffness.tolist(),
         "compliance": compliance.tolist(),
-        "peak_stress_per_unit_load": validation.finest.solution.peaks.tolist(),
+        "peak_stress_per_unit_load": _whole(validation).peaks.tolist(),
     }
+
+
+def _whole(validation: Validation) -> Solution:
+    """Return the solution of the finest mesh that was solved for every symmetry class."""
+    return next(level.solution for level in reversed(validation.levels) if level.solution.whole)
 
 
 def _results(validation: Validation) -> list[Quantity]:
@@ -111,11 +117,11 @@ def _six(validation: Validation) -> Table:
 
 
 def _matrix(validation: Validation) -> Table:
-    stiffness, _ = port_stiffness.matrices(validation.finest.solution.compliance)
+    stiffness, _ = port_stiffness.matrices(_whole(validation).compliance)
     small = 1e-9 * np.sqrt(np.outer(np.diag(stiffness), np.diag(stiffness)))
     rows = [
         [motion, *("0" if abs(value) < least else f"{value:.4g}" for value, least in zip(row, limits, strict=True))]
         for motion, row, limits in zip(MOTIONS, stiffness.tolist(), small.tolist(), strict=True)
     ]
-    caption = "Stiffness matrix on the finest mesh: N/m, N/rad and N m/rad"
+    caption = f"Stiffness matrix on the mesh of {_whole(validation).facts['unknowns']} unknowns: N/m, N/rad and N m/rad"
     return Table(["", *MOTIONS], rows, caption)

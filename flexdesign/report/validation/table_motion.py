@@ -70,8 +70,8 @@ def _points(validation: Validation) -> str:
 
 
 def _symmetry(validation: Validation) -> str:
-    if validation.domain.thin is not None:
-        return "The part names no symmetry planes: what is zero by symmetry shows as the mesh's own asymmetry."
+    if validation.domain.thin is not None and not validation.domain.planes:
+        return "The part has no symmetry planes: what is zero by symmetry shows as the mesh's own asymmetry."
     lost = [plane.axis for plane in validation.study.design.part().symmetry() if plane not in validation.domain.planes]
     if not lost:
         return (

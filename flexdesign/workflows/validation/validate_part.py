@@ -66,7 +66,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         further += large.quantities()
     others = cross_check.run(study, part, body, method, levels, cache, progress) if study.mesh.cross_check else None
     reported = by_key(gathered)
-    apart = method.name != "wild" and study.mesh.independent
+    apart = method.name != "wild" and study.mesh.independent and body.thin is None
     alone = independent_mesh.run(study, part, body, reported, cache, progress) if apart else None
     return Validation(
         study=study,
