@@ -34,7 +34,7 @@ def numbers(name: str) -> dict[str, float]:
 def test_every_shipped_folder_is_read() -> None:
     found = folders.find()
     assert {"leaf_pivot", "circular_notch_pivot", "ling2019_rhombic", "ling2019_parallel", "ling2019_aligned",
-            "lin2019_stage"} <= {path.name for path in found}  # fmt: skip
+            "lin2019_stage", "apa300ml"} <= {path.name for path in found}  # fmt: skip
     for path in found:
         read = folders.read(path)
         assert read.numbers and read.source
@@ -77,6 +77,24 @@ def test_the_stage_has_the_numbers_of_the_reproduced_paper() -> None:
     for number in folders.read(SHIPPED / "lin2019_stage").numbers:
         axis = {"x": "xy", "z": "z"}[number.boundary[0]]
         assert paper(number.printed.place, f"{number.quantity}_{axis}").text == number.printed.text
+
+
+def test_the_actuators_shell_has_the_outline_of_its_step_file() -> None:
+    """Corners of the section, as the STEP file prints them, in mm."""
+    shell = fd.read_design(SHIPPED / "apa300ml" / "apa300ml.toml").part().solid()
+    printed = [
+        (4.5, 15.00105),
+        (4.5, 13.46262),
+        (5.2, 12.76262),
+        (7.10555, 12.59632),
+        (34.55469, 7.76825),
+        (39.3969, 2.0),
+    ]
+    own = [(v.X, v.Y) for v in shell.Vertices()]
+    for x, y in printed:
+        assert min(math.dist((x, y), corner) for corner in own) < 1e-3
+    box = shell.BoundingBox()
+    assert (box.xlen, box.ylen) == pytest.approx((78.7938, 30.0021), abs=1e-3)
 
 
 # --- which effect closes the gap
