@@ -152,6 +152,7 @@ def test_rates_are_those_of_the_kept_trial() -> None:
         "one effect | named": "one effect: right verdict",
         "two effects | both named": "two effects: right verdict",
         "nothing | an effect named (false alarm)": "nothing missing: an effect named",
+        "an effect too faint to be seen | an effect named (false alarm)": "too faint to be seen: an effect named",
         "an effect outside the catalogue | `unknown`, or a right name with a remainder": outside,
         "| validation error within 1.15 of the noise floor": "error within 1.15 of the floor",
     }
@@ -159,6 +160,10 @@ def test_rates_are_those_of_the_kept_trial() -> None:
         assert f"| {words_there} | {rates[what]['cases']} |" in text
     held = rates["95 % intervals that hold the truth"]
     assert f"95 % intervals that contain the truth: {held['rate']} | {held['cases']} |" in text
+    one, two, none = (rates[rows[words_there]]["cases"] for words_there in list(rows)[:3])
+    claim = f"named {one} single effects, both effects of {two} pairs, and an effect in {none} recordings"
+    readme = words_of((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert claim in readme and f"Of {len(result['cases'])} recordings" in readme
 
 
 def test_real_recordings_are_those_of_the_kept_report() -> None:
