@@ -207,7 +207,7 @@ DESIGNS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "missing part": ('part = "bridge_amplifier"\n', "", "part", None, ("is missing", 'part = "bridge_amplifier"')),
     "missing material": ('material = "Al 7075-T6"\n', "", "material", None, ("is missing", 'material = "AZ31B"')),
     "unknown part": ("bridge_amplifier", "bridge_amplifer", "part", "bridge_amplifer", ("mean bridge_amplifier?",)),
-    "another unknown part": ("bridge_amplifier", "quoin", "part", "quoin", ("no such part", "known: bridge_amplifier")),
+    "another unknown part": ("bridge_amplifier", "quoin", "part", "quoin", ("no such part", "known: apa300ml_shell, bridge_amplifier")),
     "unknown material": ("Al 7075-T6", "Al 7075", "material", "Al 7075", ("did you mean Al 7075-T6?", "[material]")),
     "number for a material": ('"Al 7075-T6"', "7075", "material", 7075, ("expected a name", "[material] table")),
     "list for a part": ('"bridge_amplifier"', "[1]", "part", [1], ("expected text",)),
@@ -462,6 +462,8 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
         (0.0, 1e-3, 4e-3), ("leaf has no size",)),
     "a member between nowhere": ('("a", "b")', '("a", "c")', "Leaf.linkage()", None, ("joins c", "line 26")),
     "symmetry about w": ('SymmetryPlane("x"', 'SymmetryPlane("w"', "Leaf.symmetry()", "w", ("x, y or z",)),
+    "symmetry swaps a pair twice": ('"left": "right"', '"left": "right", "right": "left"', "Leaf.symmetry()",
+        "left, right", ("each pair once",)),
     "symmetry swaps no port": ('"left": "right"', '"left": "rigth"', "Leaf.symmetry()", "rigth", ("mean right",)),
 }  # fmt: skip
 

@@ -235,6 +235,13 @@ def test_sampling_too_coarse_for_the_resonance_is_said_before_anything_is_run(tm
     assert not simulation.validity(read(tmp_path, LINEAR))
 
 
+def test_a_model_of_a_design_without_voltages_says_that_it_has_no_gain(tmp_path: Path) -> None:
+    model = read(tmp_path, LINEAR)
+    axes = {name: replace(axis, gain=math.nan) for name, axis in model.axes.items()}
+    (remark,) = simulation.stage_model_cautions(replace(model, axes=axes))
+    assert "no gain" in remark and "actuator.voltage_range" in remark
+
+
 def test_a_command_beyond_the_limits_is_said_with_its_share_of_time(tmp_path: Path) -> None:
     """A sine from 0 to 120 V is above 100 V for acos(2 x 100/120 - 1) / pi of the time, 27 %, first after 0.37 s."""
     beyond = SINE.replace("50 V", "120 V")

@@ -285,6 +285,8 @@ def examine(part: Part) -> None:
         require(axes.count(plane.axis) == 1, "symmetry", plane.axis, "two planes have this axis")
         for name in (*plane.swaps, *plane.swaps.values()):
             require(name in names, "symmetry", name, f"swaps a port that does not exist{suggest(name, names)}")
+        both = [name for name in plane.swaps if name in plane.swaps.values()]
+        require(not both, "symmetry", ", ".join(both), "state each pair once: the port that is kept as the second")
         held = [port.name for port in ports if port.role == "ground" and port.name in plane.swaps]
         require(not held, "symmetry", ", ".join(held), "a ground port must be its own mirror image")
 

@@ -331,7 +331,10 @@ def validity(model: StageModel) -> list[str]:
             remarks.append(f"{name}: assumed, neither measured nor computed: {numbers}.")
         if axis.absent:
             remarks.append(f"{name}: not in the model, and assumed to be none: {', '.join(axis.absent)}.")
-        remarks += [f"{name}: {text}" for text in plant(axis, 0.0).concerns(1 / model.controller.rate)]
+        if math.isnan(axis.gain):
+            remarks.append(f"{name}: no gain, as the design states no actuator.voltage_range; simulations need it.")
+        else:
+            remarks += [f"{name}: {text}" for text in plant(axis, 0.0).concerns(1 / model.controller.rate)]
     return remarks
 
 
