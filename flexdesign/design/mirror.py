@@ -74,21 +74,22 @@ def cut_port(port: Port, whole: Any, solid: Any) -> Port:
     return replace(port, faces=tuple(left))
 
 
-def _mirrored(places: FloatArray, index: int) -> FloatArray:
+def mirrored(places: FloatArray, index: int) -> FloatArray:
+    """Return the mirror images of places, shape (n, 3 or more), in the coordinate plane normal to an axis."""
     return places * np.where(np.arange(places.shape[1]) == index, -1.0, 1.0)
 
 
 def _edges_mirror(solid: Any, index: int, near: float) -> bool:
     """Tell whether every edge has an image of its length, both within `near` [mm]."""
     edges = np.array([(*edge.Center().toTuple(), edge.Length()) for edge in solid.Edges()])
-    away, _ = cKDTree(edges).query(_mirrored(edges, index))
+    away, _ = cKDTree(edges).query(mirrored(edges, index))
     return bool(away.max() < near)
 
 
 def _images_of_faces(faces: Sequence[SolidFace], index: int, near: float) -> Mapping[int, int] | None:
     """Return the mirror image of each face, by index, places being alike within `near` [m]; None if one has none."""
     places = np.array([(*face.centroid, np.sqrt(face.area)) for face in faces])
-    away, image = cKDTree(places).query(_mirrored(places, index))
+    away, image = cKDTree(places).query(mirrored(places, index))
     kinds = np.array([face.kind for face in faces])
     if away.max() > near or np.any(kinds[image] != kinds):
         return None
@@ -104,7 +105,7 @@ def _swaps(ports: Sequence[Port], images: Mapping[int, int], index: int, near: f
             if abs(port.point[index]) > near:
                 return None
             continue
-        goal = _mirrored(np.array([port.point]), index)[0]
+        goal = mirrored(np.array([port.point]), index)[0]
         twin = next((other for other in ports if set(other.faces) == reflected and other.role == port.role), None)
         if twin is None or port.role == "ground" or np.abs(np.array(twin.point) - goal).max() > near:
             return None

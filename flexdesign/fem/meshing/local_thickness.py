@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from flexdesign.core.model import Member
+from flexdesign.design.mirror import mirrored
 from flexdesign.fem import convergence
 from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import conforming
@@ -271,9 +272,8 @@ class LocalThickness:
         cut = [face for faces in self.domain.plane_faces for face in faces]
         points, facets = mesh.points, mesh.facets[~np.isin(mesh.faces, cut)]
         for plane in self.domain.planes:
-            image = points * np.where(np.arange(3) == plane.index, -1.0, 1.0)
             facets = np.concatenate([facets, facets + len(points)])
-            points = np.concatenate([points, image])
+            points = np.concatenate([points, mirrored(points, plane.index)])
         return Rays(points, facets)
 
     def _measure(self, mesh: TaggedMesh, rays: Rays, hinge: Member, chosen: NDArray[np.int64]) -> HingeCheck:

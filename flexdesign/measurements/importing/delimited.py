@@ -66,8 +66,9 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     separator = dialect.separator or _separator(content)
     table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in content]
     decimal = dialect.decimal or _decimal(table)
-    if dialect.table is not None or len(_tables(table, decimal)) > 1:
-        chosen = _chosen(path, table, decimal, dialect.table)
+    tables = _tables(table, decimal)
+    if dialect.table is not None or len(tables) > 1:
+        chosen = _choose(path, table, decimal, tables, dialect.table)
         content, table = content[chosen], table[chosen]
     numeric = _numeric(table, decimal)
     first = next((k for k, row in enumerate(table) if _is_data(row, decimal, numeric)), None)
@@ -121,9 +122,10 @@ def _is_mostly_numbers(row: Sequence[str], decimal: str) -> bool:
     return 2 * sum(_is_number(cell, decimal) for cell in row) > len(row)
 
 
-def _chosen(path: Path, table: Sequence[Sequence[str]], decimal: str, number: int | None) -> slice:
+def _choose(
+    path: Path, table: Sequence[Sequence[str]], decimal: str, found: Sequence[slice], number: int | None
+) -> slice:
     """Return the lines of the table that is chosen of several."""
-    found = _tables(table, decimal)
     if number is not None and number <= len(found):
         return found[number - 1]
     if not found:  # the message follows where its rows are read

@@ -174,10 +174,8 @@ def shape(diagnosis: TableDiagnosis) -> str:
 def differences(comparison: TableComparison) -> bytes:
     """Draw the difference of each row in percent, with what is no difference."""
     # A line for the quantity, one for the dimensions that were changed.
-    labels = [
-        ", ".join(measurement(row).split(", ")[:2]) + "".join(f",\n{part}" for part in measurement(row).split(", ")[2:])
-        for row in comparison.table.rows
-    ]
+    parts = [measurement(row).split(", ") for row in comparison.table.rows]
+    labels = [",\n".join([", ".join(each[:2]), *each[2:]]) for each in parts]
     measured = np.abs(comparison.table.measured())
     figure, axes = charts.drawing(charts.NARROW, 0.4 * len(labels) + 1.2)
     places = np.arange(len(labels))
