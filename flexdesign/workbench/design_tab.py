@@ -207,14 +207,15 @@ class DesignTab:
     async def _predict(self) -> None:
         """Show what the compliance model says."""
         assert self.design is not None
+        place = self._last_field or self.problem
+        field_error(self.problem, "")  # now: what is asked for meanwhile may end in an error of its own
         try:
             found = await run.io_bound(fd.formulas, self.design, dimensions=self.changed)
         except fd.InputError as error:
-            field_error(self._last_field or self.problem, str(error))
+            field_error(place, str(error))
             return
-        field_error(self.problem, "")
-        if self._last_field is not None:
-            field_error(self._last_field, "")
+        if place is not self.problem:
+            field_error(place, "")
         rows = [[each.name, each.boundary, each.formatted()] for each in (found or {}).values()]
         self.formulas.set_content(charts.table(["quantity", "boundary", "value"], rows))
 
