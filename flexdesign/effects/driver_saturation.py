@@ -14,9 +14,32 @@ def constants(values: Values, step: float) -> tuple[float]:
 
 
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
-    """Cut the voltage off at the level, above and below."""
-    for node in range(3):
-        out[node] += min(max(path[node], -constants[0]), constants[0])
+    """Cut the voltage off at the level, above and below; a corner within the step keeps the mean over the step."""
+    level = constants[0]
+    first, middle, last = _cut(path[0], level), _cut(path[1], level), _cut(path[2], level)
+    inside = (first == path[0]) + (middle == path[1]) + (last == path[2])
+    if 0 < inside < 3:  # the parabola through the three values has the mean (first + 4 middle + last) / 6
+        mean = 0.5 * (_mean(path[0], path[1], level) + _mean(path[1], path[2], level))
+        middle = 1.5 * mean - 0.25 * (first + last)
+    out[0] += first
+    out[1] += middle
+    out[2] += last
+
+
+def _cut(voltage: float, level: float) -> float:
+    return min(max(voltage, -level), level)
+
+
+def _mean(begin: float, end: float, level: float) -> float:
+    """Return the mean of what is left of a straight line between two voltages."""
+    if begin == end:
+        return _cut(begin, level)
+    return (_area(end, level) - _area(begin, level)) / (end - begin)
+
+
+def _area(voltage: float, level: float) -> float:
+    """Return the integral of what is left, from zero to a voltage."""
+    return 0.5 * voltage * voltage if abs(voltage) < level else level * (abs(voltage) - 0.5 * level)
 
 
 EFFECT = Effect(

@@ -224,6 +224,15 @@ def test_a_run_may_have_numbers_of_its_own() -> None:
     assert np.array_equal(model.replace({"other:trigger": 3 * PERIOD}).predict(seen), plain)
 
 
+def test_what_moves_by_itself_does_not_jump_where_the_trigger_changes_its_sign() -> None:
+    """Of base motion a nanosecond shows nothing, while the phase would advance by 6 degrees in a sample."""
+    shaken = replace(PLAIN, effects={"base_motion": {"amplitude": 1e-6, "frequency": 18.0, "phase": 0.3}})
+    model, seen = AxisDynamics("x", shaken).set_apart(["run"]), run(np.full(300, 20.0))
+    early, late = (model.replace({"run:trigger": side * 1e-9}).predict(seen) for side in (-1.0, 1.0))
+    assert np.ptp(early) > 1e-6
+    assert late == pytest.approx(early, abs=1e-11)
+
+
 def test_a_run_may_come_from_beyond_the_limits_of_its_command() -> None:
     """Nobody knows how a stage came to rest: hysteresis of either sign at zero volts; the record is cut off as ever."""
     still = run(np.zeros(50))

@@ -196,6 +196,22 @@ def test_saturation_cuts_off_what_the_amplifier_cannot_give() -> None:
     assert found.command[0] == pytest.approx(command, abs=1e-12)
 
 
+def test_a_corner_of_saturation_within_a_step_costs_no_order() -> None:
+    """With four times as many steps the error falls by more than four cubed, wherever the corners lie."""
+    command, levels = 150 * np.sin(2 * np.pi * 7 * TIME), np.linspace(80.0, 120.0, 11)
+
+    def motion(level: float, substeps: int) -> Array:
+        limited = {"driver_saturation": {"level": level}}
+        return respond(limited, command, between_samples="linear", substeps=substeps).motion[0]
+
+    exact = [motion(level, 512) for level in levels]
+    error = {
+        n: math.sqrt(np.mean([(motion(level, n) - right) ** 2 for level, right in zip(levels, exact, strict=True)]))
+        for n in (2, 8)
+    }
+    assert error[8] < error[2] / 4**3
+
+
 # --- forces -----------------------------------------------------------------------------------------------------
 
 

@@ -329,8 +329,10 @@ class AxisDynamics:
         # A reading that is late is that of a command as late: what is between them does not change in time.
         late = (0.0 if at_stack else self.delay) + self.axis.sensor.delay
         command, delay = self._limit_command(run), late + own.get(TRIGGER, 0.0)
-        lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
-        # A record that began early begins some samples later in a simulation with a longer delay.
+        lead = self._lead(run, own, float(command[0]))
+        # A record that began early begins some samples later in a simulation with a longer delay: always as many,
+        # since what moves by itself, such as the base, would jump by a sample where the trigger changes its sign.
+        early = math.ceil(-TRIGGERED_WITHIN[0] / run.period) if TRIGGER in own else 0
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *REVERSALS)}
         more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
