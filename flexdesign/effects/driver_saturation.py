@@ -31,14 +31,14 @@ def _cut(voltage: float, level: float) -> float:
 
 
 def _mean(begin: float, end: float, level: float) -> float:
-    """Return the mean of what is left of a straight line between two voltages."""
+    """Return the mean of the limited voltage along a straight line between two commands."""
     if begin == end:
         return _cut(begin, level)
     return (_area(end, level) - _area(begin, level)) / (end - begin)
 
 
 def _area(voltage: float, level: float) -> float:
-    """Return the integral of what is left, from zero to a voltage."""
+    """Return the integral of the limited voltage, from zero to a command."""
     return 0.5 * voltage * voltage if abs(voltage) < level else level * (abs(voltage) - 0.5 * level)
 
 

@@ -323,15 +323,13 @@ class AxisDynamics:
         return self.command(run) if is_at_stack(run) else np.clip(self.command(run), *stages.command_limits(self.axis))
 
     def _simulate(self, run: Run, steps: int | None) -> Response:
-        own = self.own.get(run.name, {})
-        at_stack = is_at_stack(run)
+        own, at_stack = self.own.get(run.name, {}), is_at_stack(run)
         # Where a stage came from before a record, which is all hysteresis, may lie beyond the limits of the record.
         # A reading that is late is that of a command as late: what is between them does not change in time.
         late = (0.0 if at_stack else self.delay) + self.axis.sensor.delay
         command, delay = self._limit_command(run), late + own.get(TRIGGER, 0.0)
         lead = self._lead(run, own, float(command[0]))
-        # A record that began early begins some samples later in a simulation with a longer delay: always as many,
-        # since what moves by itself, such as the base, would jump by a sample where the trigger changes its sign.
+        # A record that began early begins later in a longer simulation: always by as many samples, so nothing jumps.
         early = math.ceil(-TRIGGERED_WITHIN[0] / run.period) if TRIGGER in own else 0
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *REVERSALS)}

@@ -36,7 +36,11 @@ class LocalExtrusion(LocalThickness):
     """Layers of prisms cut into tetrahedra, of a solid that was found to be an extrusion."""
 
     name: ClassVar[str] = "extruded"
-    scatter: ClassVar[MeshNoise] = methods.SCATTER_OF_NECKS
+
+    @property
+    def scatter(self) -> MeshNoise:
+        """Of results over meshes made alike."""
+        return methods.SCATTER_OF_NECKS if self._curved.any() else methods.SCATTER
 
     @property
     def mesher(self) -> str:
