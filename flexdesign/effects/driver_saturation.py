@@ -17,8 +17,8 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """Cut the voltage off at the level, above and below; a corner within the step keeps the mean over the step."""
     level = constants[0]
     first, middle, last = _cut(path[0], level), _cut(path[1], level), _cut(path[2], level)
-    inside = (first == path[0]) + (middle == path[1]) + (last == path[2])
-    if 0 < inside < 3:  # the parabola through the three values has the mean (first + 4 middle + last) / 6
+    within = int(first == path[0]) + int(middle == path[1]) + int(last == path[2])
+    if 0 < within < 3:  # the parabola through the three values has the mean (first + 4 middle + last) / 6
         mean = 0.5 * (_mean(path[0], path[1], level) + _mean(path[1], path[2], level))
         middle = 1.5 * mean - 0.25 * (first + last)
     out[0] += first
