@@ -166,6 +166,19 @@ def test_rates_are_those_of_the_kept_trial() -> None:
     assert claim in readme and f"Of {len(result['cases'])} recordings" in readme
 
 
+def test_rates_of_imperfect_benches_are_those_of_the_kept_trial() -> None:
+    result = json.loads((EXAMPLES / "imperfect_benches" / "result.json").read_text(encoding="utf-8"))
+    text = page("evidence")
+    assert f"{len(result['cases'])} recordings of seed {result['seed']}" in words_of(text)
+    rates = {rate["what"]: rate["cases"] for rate in result["rates"]}
+    for words_there, what in (
+        ("main effect named", "main effect named"),
+        ("an effect invented, nothing else missing", "nothing missing: an effect invented"),
+        ("another effect invented next to the main one", "one effect: another invented"),
+    ):
+        assert f"| {words_there} | {rates[what]} |" in text
+
+
 def test_real_recordings_are_those_of_the_kept_report() -> None:
     folder = EXAMPLES / "real_recordings"
     rows = json.loads((folder / "result.json").read_text(encoding="utf-8"))["rows"]
