@@ -1,0 +1,144 @@
+"""The ablation study: how a part is switched off, when it is said to act, what is kept, and the table."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from flexdesign.diagnosis import procedure
+from flexdesign.estimation.model_selection import fitted_model, model_comparison, stepwise_selection
+from studies.ablation import __main__ as command
+from studies.ablation import ablation, parts, report
+from studies.ablation.ablation import Ablation
+from studies.ablation.parts import PARTS, switched_off, watching
+from studies.hidden_effect_trial import trial
+from studies.hidden_effect_trial.folder import Answer
+from studies.hidden_effect_trial.scoring import Diagnosed
+from studies.hidden_effect_trial.trial import Outcome
+
+BY_KEY = {part.key: part for part in PARTS}
+
+
+def outcome(number: int, *named: str, seconds: float = 2.0, hits: tuple[bool, ...] = (True,)) -> Outcome:
+    answer = Answer(f"single-{number}", "single", {"creep": {"share": 0.1}}, {}, {"creep": 2.0}, 1e-9, 1e-4)
+    inside = {f"creep.{k}": (hit, 0.1) for k, hit in enumerate(hits)}
+    found = Diagnosed("effects-found", named, (), 1e-9, 1.1e-9 * len(named), inside, seconds)
+    return Outcome(number, answer, found, "", trial.source())
+
+
+# --- parts ----------------------------------------------------------------------------------------------------------
+
+
+def test_every_part_is_there_and_comes_back() -> None:
+    assert parts.chosen(None) == list(PARTS) and len(BY_KEY) == len(PARTS)
+    before = procedure.escape, stepwise_selection.escape, fitted_model.escape
+    assert len({*before}) == 1
+    with switched_off(BY_KEY["escape"]):
+        assert procedure.escape is stepwise_selection.escape is fitted_model.escape
+        assert procedure.escape("task", "fit") == "fit"  # type: ignore[arg-type, comparison-overlap]
+    assert before == (procedure.escape, stepwise_selection.escape, fitted_model.escape)
+
+
+def test_a_part_comes_back_after_an_error() -> None:
+    before = fitted_model.FittedModel.discrepancy
+    with pytest.raises(ZeroDivisionError), switched_off(BY_KEY["FittedModel.discrepancy"]):
+        assert object.__new__(fitted_model.FittedModel).discrepancy == 1.0
+        raise ZeroDivisionError
+    assert fitted_model.FittedModel.discrepancy is before
+
+
+def test_a_part_acts_where_it_returns_something_else_than_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_comparison, "rank", lambda trials: trials)
+    effect = SimpleNamespace(name="creep", like=("structural_damping",))
+    best: Any = SimpleNamespace(fit=SimpleNamespace(effects=[effect]), names=("creep",))
+    with watching() as acted:
+        assert stepwise_selection.confused_with([]) == set()
+    assert acted == set()
+    with watching() as acted:
+        assert stepwise_selection.confused_with([best]) == {"structural_damping"}
+    assert acted == {"confused_with"}
+
+
+def test_a_result_that_is_handed_through_is_no_act() -> None:
+    fit: Any = SimpleNamespace(effects=(), names=())
+    with watching() as acted:
+        assert stepwise_selection.backward(SimpleNamespace(), fit, []) is fit  # type: ignore[arg-type]
+    assert acted == set()
+
+
+def test_a_part_that_is_not_in_the_list_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--only", "gone"]) == 2
+    assert "there is no part gone; parts: escape" in capsys.readouterr().err
+
+
+# --- running --------------------------------------------------------------------------------------------------------
+
+
+def test_a_part_is_switched_off_only_where_it_acted_and_nothing_is_done_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[tuple[str, int]]()
+
+    def watched(number: int, *_: Any) -> tuple[Outcome, frozenset[str]]:
+        asked.append(("", number))
+        return outcome(number, "creep"), frozenset({"escape"} if number > 20001 else {"jumps"})
+
+    def without(key: str, number: int, *_: Any) -> Outcome:
+        asked.append((key, number))
+        return outcome(number)
+
+    monkeypatch.setattr(ablation, "ProcessPoolExecutor", _Here)
+    monkeypatch.setattr(ablation, "as_completed", list)
+    monkeypatch.setattr(ablation, "diagnose_watched", watched)
+    monkeypatch.setattr(ablation, "diagnose_without", without)
+    chosen = [BY_KEY["escape"], BY_KEY["jumps"], BY_KEY["backward"]]
+    for _ in range(2):
+        found = ablation.run([20001, 20002, 20003], chosen, 1, tmp_path, 1, trial.cases.SEED, lambda _: None)
+    assert asked == [("", 20001), ("", 20002), ("", 20003), ("escape", 20002), ("jumps", 20001)]
+    assert {key: list(made) for key, made in found.without.items()} == {
+        "escape": [20002],
+        "jumps": [20001],
+        "backward": [],
+    }
+    assert json.loads((tmp_path / "acted.jsonl").read_text().splitlines()[0])["acted"] == ["jumps"]
+
+
+class _Here:
+    """A pool that works at once, in this process."""
+
+    def __init__(self, *_: Any, **__: Any) -> None: ...
+
+    def __enter__(self) -> _Here:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def submit(self, function: Any, *given: Any) -> Future[Any]:
+        done = Future[Any]()
+        done.set_result(function(*given))
+        return done
+
+
+# --- the table ------------------------------------------------------------------------------------------------------
+
+
+def test_the_row_of_a_part_counts_what_changes(tmp_path: Path) -> None:
+    as_is = {n: outcome(n, "creep", hits=(True, True)) for n in (20001, 20002, 20003)}
+    without = {
+        20001: outcome(20001, "creep", seconds=1.0, hits=(True, False)),
+        20002: outcome(20002, "creep", "mains_hum", seconds=4.0, hits=(False, False)),
+    }
+    acted = {20001: frozenset({"escape"}), 20002: frozenset({"escape"}), 20003: frozenset[str]()}
+    found = Ablation(as_is, acted, {"escape": without})
+    cells = report.row(BY_KEY["escape"], found)
+    assert cells[2:8] == ["2 of 3", "2", "2", "1", "4 of 4", "1 of 4"]
+    assert cells[8:] == ["1.5", "1.25"]
+    (change,) = report.changed_answers("escape", found)
+    assert change[1] == "20002" and change[3] == "wrong: effects-found: creep and mains_hum"
+    (line,) = report.write(found, [BY_KEY["escape"]], tmp_path, 7)
+    assert line.startswith("escape  2 of 3") and (tmp_path / "report.html").is_file()
