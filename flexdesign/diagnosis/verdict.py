@@ -13,7 +13,7 @@ from flexdesign.diagnosis.comparison import reversal
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.remainder import describe, describe_unnamed, is_adequate, remainder
+from flexdesign.diagnosis.remainder import describe, describe_unnamed, is_adequate, remainder, unexplained_rms
 from flexdesign.diagnosis.result import (
     CandidateRecord,
     Diagnosis,
@@ -64,20 +64,13 @@ def decide(
     every = levels(history)
     if is_adequate(data, history.final, left) and not ends(history.final):
         return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibration)
-    rests = np.array([_unexplained_squares(data, fit) for fit in every])
-    added = np.maximum(np.diff([[len(fit.effects)] for fit in every], axis=0), 1)
+    rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
+    added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
     for named in range(len(every) - 1, 0, -1):
-        is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * added[:named] * rests[named])
+        is_large = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
         if is_large and not ends(every[named]) and not is_better_smooth(every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", history.calibration
-
-
-def _unexplained_squares(data: DiagnosisData, fit: FittedModel) -> tuple[float, float]:
-    """Return what remains of the validation runs above the noise: mean square [response^2], and whitened chi^2."""
-    count = sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate"))
-    held = fit.validation_chi2 - count if count else fit.fitted_chi2 - fit.solution.problem.dataset.samples
-    return max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0), max(held, 0.0)
 
 
 def reach_verdict(

@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
 #: longer than this [s], which the fastest relaxations of the catalogue bear.
-STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 5e-4
+STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 4e-4
 #: The same for the final values: many samples determine them far better than their noise.
 EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 #: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is

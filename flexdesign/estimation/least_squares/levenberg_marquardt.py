@@ -136,7 +136,7 @@ def solve(
     x = np.clip(start, problem.where.lower, problem.where.upper)
     if (residuals := problem.residuals(x)) is None:
         return None
-    search = _Search(problem, x, residuals, old, small, may_hold=effort.is_exact)
+    search = _Search(problem, x, residuals, old, small, begins_held=not effort.is_exact)
     if not effort.jacobians:
         search.fresh = True  # where a step fails it is made shorter
         search.descend(effort.share)
@@ -175,16 +175,17 @@ class _Search:
         old: Columns | None,
         small: float,
         *,
-        may_hold: bool = True,
+        begins_held: bool = False,
     ) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.gain_ratio = problem.cost(x, residuals), DAMPING, 0.0
         self.jacobians_here = 0
         parameters = problem.where.parameters
         self.kinked = np.array([bool(parameter.run and parameter.screen) for parameter in parameters], dtype=bool)
-        # A rough fit only ranks candidates: other steps would cost it more simulations than they change its cost.
-        self.may_hold = may_hold and any(not parameter.run for parameter in parameters)
+        self.may_hold = any(not parameter.run for parameter in parameters)
         self.held, self.is_released = np.zeros(len(x), dtype=bool), False
+        if begins_held:
+            self._hold()
         self.update_jacobian(old)
         self.fresh = not old
 

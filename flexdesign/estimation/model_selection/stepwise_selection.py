@@ -79,7 +79,10 @@ class Entry:
 def screen(
     task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
 ) -> tuple[float, list[Entry]]:
-    """Return the critical value of the largest score, and quick fits of what promises more, the best first.
+    """Return the critical value of the largest score, and quick fits of what promises more, the most promising first.
+
+    What an effect promises is the lower of two costs: that of its quick fit, and that which its score in the present
+    fit predicts. A quick fit may go astray where the score does not, and the other way round.
 
     Parameters are those of `forward`.
     """
@@ -95,7 +98,13 @@ def screen(
         task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
         return _quick_fit(task, start)
 
-    return score, _best_by_names(task.each(quickly, starts))
+    promised = {start.names: fit.cost for start in starts}
+    for start in starts:
+        if start.origin is fit and len(start.directions) == 1:
+            predicted = fit.cost - start.directions[0].predicted_reduction
+            promised[start.names] = min(promised[start.names], predicted)
+    entries = _best_by_names(task.each(quickly, starts))
+    return score, sorted(entries, key=lambda entry: min(entry.solution.cost, promised[entry.names]))
 
 
 def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> list[Entry]:
