@@ -35,6 +35,7 @@ from flexdesign.diagnosis.result import SelectionHistory
 from flexdesign.diagnosis.verdict import LARGE, accepted_fits, decide, levels, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
+from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 from flexdesign.estimation.least_squares.parameter_transforms import value as value_at
@@ -67,15 +68,17 @@ def run_of(name: str, command: Array, response: Array, role: Literal["identify",
 # --- stands made by hand --------------------------------------------------------------------------------------------
 
 
-def data(axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, **more: Any) -> DiagnosisData:
+def data(
+    axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, noise: float = NOISE, **more: Any
+) -> DiagnosisData:
     """Two runs for the fit and one kept apart, of random numbers; only their lengths count."""
     rng = np.random.default_rng(0)
     roles: dict[str, Literal["identify", "validate"]] = {"one": "identify", "two": "identify", "kept": "validate"}
     runs = [run_of(name, rng.uniform(0, 100, n), rng.normal(0, 1e-4, n), role, **more) for name, role in roles.items()]
-    process = Process(np.zeros(0), NOISE)
-    noise = NoiseFloor(ColouredNoise(process), dict.fromkeys(roles, NOISE), "stated", dof > 0, (), dof)
+    whitening = ColouredNoise(Process(np.zeros(0), noise))
+    floor = NoiseFloor(whitening, dict.fromkeys(roles, noise), "stated", dof > 0, (), dof)
     known = {name: (axis.numbers[name], axis.numbers[name] * share) for name, share in axis.uncertainty.items()}
-    return DiagnosisData("x", axis, tuple(of_axis(run, "x", axis) for run in runs), noise, 0.3 * NOISE, known)
+    return DiagnosisData("x", axis, tuple(of_axis(run, "x", axis) for run in runs), floor, 0.3 * noise, known)
 
 
 @pytest.mark.parametrize("step", [None, 4e-7])
@@ -105,6 +108,19 @@ def test_slow_samples_are_simulated_in_few_steps_where_few_do() -> None:
         )
         assert coarse.steps_for(slow[0]) <= 8
         assert coarse.predict(slow[0]) == pytest.approx(fine.predict(slow[0]), abs=1e-3 * NOISE)
+
+
+@pytest.mark.parametrize("period", [2.5e-4, 1e-3, 2e-3])
+def test_every_effect_can_be_screened_where_the_model_itself_needs_few_steps(period: float) -> None:
+    """An effect whose simulation runs away would be missing from the catalogue, and nobody would know."""
+    about = data(noise=1e3 * NOISE)
+    runs = tuple(replace(run, time=run.time * (period / PERIOD)) for run in about.runs)
+    axis = replace(about.axis, natural_frequency=125.0, effects={})
+    model, task = case_of(StageModel({"x": axis}), replace(about, axis=axis, runs=runs), map, lambda _: None)
+    for candidate in candidates(model):
+        if not missing("x", effects.find(candidate.name), runs[0].columns):
+            trials = [task.coarse(candidate.add(model)).replace(values) for values in candidate.trials]
+            assert any(np.isfinite(np.asarray(trial.predict(runs[0]))).all() for trial in trials), candidate.name
 
 
 def fit(

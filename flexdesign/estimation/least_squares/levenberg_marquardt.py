@@ -136,7 +136,7 @@ def solve(
     x = np.clip(start, problem.where.lower, problem.where.upper)
     if (residuals := problem.residuals(x)) is None:
         return None
-    search = _Search(problem, x, residuals, old, small, begins_held=not effort.is_exact)
+    search = _Search(problem, x, residuals, old, small)
     if not effort.jacobians:
         search.fresh = True  # where a step fails it is made shorter
         search.descend(effort.share)
@@ -167,16 +167,7 @@ def refine_minimum(solution: Solution, small: float) -> Solution:
 class _Search:
     """Where a search stands: a point, its residuals, and a Jacobian that was computed there or updated."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        x: Array,
-        residuals: list[Array],
-        old: Columns | None,
-        small: float,
-        *,
-        begins_held: bool = False,
-    ) -> None:
+    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.gain_ratio = problem.cost(x, residuals), DAMPING, 0.0
         self.jacobians_here = 0
@@ -184,8 +175,6 @@ class _Search:
         self.kinked = np.array([bool(parameter.run and parameter.screen) for parameter in parameters], dtype=bool)
         self.may_hold = any(not parameter.run for parameter in parameters)
         self.held, self.is_released = np.zeros(len(x), dtype=bool), False
-        if begins_held:
-            self._hold()
         self.update_jacobian(old)
         self.fresh = not old
 

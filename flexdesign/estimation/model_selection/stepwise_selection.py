@@ -41,8 +41,8 @@ from flexdesign.estimation.model_selection.score_test import Candidate, Directio
 WORTH = 0.5
 #: Trials of one candidate, and pairs of candidates, from which fits start.
 STARTS, PAIRS = 2, 2
-#: Candidates that are fitted roughly, and those of them that are fitted to the end.
-ROUGHLY, FINALISTS = 6, 3
+#: Candidates that are fitted roughly: the best quick fits, and the best scores; and those that are fitted to the end.
+ROUGHLY, BEST_SCORES, FINALISTS = 6, 2, 3
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
 GROSS_MISFIT = 30.0
 
@@ -57,6 +57,11 @@ class _Start:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(direction.candidate.name for direction in self.directions)
+
+    @property
+    def predicted_reduction(self) -> float:
+        """What the score of the best of them predicts."""
+        return max(direction.predicted_reduction for direction in self.directions)
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -79,10 +84,7 @@ class Entry:
 def screen(
     task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
 ) -> tuple[float, list[Entry]]:
-    """Return the critical value of the largest score, and quick fits of what promises more, the most promising first.
-
-    What an effect promises is the lower of two costs: that of its quick fit, and that which its score in the present
-    fit predicts. A quick fit may go astray where the score does not, and the other way round.
+    """Return the critical value of the largest score, and quick fits of what promises more, the best first.
 
     Parameters are those of `forward`.
     """
@@ -98,17 +100,13 @@ def screen(
         task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
         return _quick_fit(task, start)
 
-    promised = {start.names: fit.cost for start in starts}
-    for start in starts:
-        if start.origin is fit and len(start.directions) == 1:
-            predicted = fit.cost - start.directions[0].predicted_reduction
-            promised[start.names] = min(promised[start.names], predicted)
-    entries = _best_by_names(task.each(quickly, starts))
-    return score, sorted(entries, key=lambda entry: min(entry.solution.cost, promised[entry.names]))
+    return score, _best_by_names(task.each(quickly, starts))
 
 
 def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> list[Entry]:
     """Return rough fits of the entries that promise most, with runs in the initial states that suit them; best first.
+
+    Those are the best quick fits; and the best scores in the present fit, as a quick fit may go astray.
 
     Parameters
     ----------
@@ -125,7 +123,9 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
-    return _best_by_names(task.each(roughly, entries[:ROUGHLY]))
+    best = entries[:ROUGHLY]
+    scores = sorted((e for e in entries if e.start.origin is fit), key=lambda e: -e.start.predicted_reduction)
+    return _best_by_names(task.each(roughly, [*best, *(e for e in scores[:BEST_SCORES] if e not in best)]))
 
 
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
