@@ -86,29 +86,21 @@ def vary_by_run(task: EstimationTask, fit: FittedModel, names: Sequence[str] | N
 
 
 def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidates: Sequence[Candidate]) -> Step:
-    """Return a step of the selection in which strengths may differ from run to run, chosen anew where one does.
+    """Return a step of the selection in which what adds to the reading may differ from run to run from the beginning.
 
-    An effect whose numbers differ explains less than it can while it has one for all runs, next to nothing where their
-    mean is next to nothing, and another may be taken for it.
+    A drift whose mean over the runs is next to nothing explains next to nothing with one rate for all, and another
+    effect may be taken for it.
     """
-    runs, varied = _runs(task, before), list[Trial]()
-    if not (before if step.chosen is None else step.chosen.fit).exceeds_noise:
+    runs = _runs(task, before)
+    if not runs or not (before if step.chosen is None else step.chosen.fit).exceeds_noise:
         return step
-    for trial in step.trials if runs else ():
-        predicted_reduction = sum(
-            _score_of(trial.fit, each.strength, runs).predicted_gain for each in _varying(trial.fit, trial.names)
-        )
-        if step.chosen is not None and trial.fit.cost - predicted_reduction > step.chosen.fit.cost:
-            continue  # it cannot win
-        fit = vary_by_run(task, trial.fit, trial.names)
-        if fit is not trial.fit:
-            varied.append(compare(task, before, fit, trial.names, trial.score))
-    least = step.trials[0].score if step.trials else float(chdtri(1, LEVEL))
-    known = {name for trial in (*step.trials, *varied) for name in trial.names if not trial.reason}
-    for candidate in candidates if runs else ():
-        if candidate.name not in known and candidate.name not in before.names and _adds(candidate):
+    score = step.trials[0].score if step.trials else float(chdtri(1, LEVEL))
+    known = {*before.names, *(name for trial in step.trials for name in trial.names if not trial.reason)}
+    varied = list[Trial]()
+    for candidate in candidates:
+        if candidate.name not in known and _adds(candidate):
             made = _with(task, before, candidate, runs, LEVEL / len(candidates))
-            varied += [] if made is None else [compare(task, before, made, (candidate.name,), least)]
+            varied += [] if made is None else [compare(task, before, made, (candidate.name,), score)]
     if not varied:
         return step
     names = [trial.names for trial in varied]
