@@ -330,20 +330,34 @@ def select(
         See `forward`; used at the first step.
     vary_step, vary
         Return a step from a fit, and a fit, with strengths that differ from run to run where the runs call for that.
+        Of a fit that is asked when nothing more can be added: an effect that is missing may show in each run as another
+        strength of one that is there.
     """
     steps, fits = list[Step](), list[FittedModel]()
-    while len(fit.effects) < most:
-        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points)))
-        if (chosen := steps[-1].chosen) is None:
-            break
-        doubtful = fit.names if len(chosen.names) == 1 else chosen.fit.names
-        made = vary(backward(task, chosen.fit, doubtful))
-        if {*made.names} == {*fit.names}:  # what was added made itself superfluous
-            steps[-1] = replace(steps[-1], chosen=None)
-            break
+    while True:
+        made = None
+        if len(fit.effects) < most:
+            steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points)))
+            made = _with_step(task, fit, steps[-1])
+            if made is None:
+                steps[-1] = replace(steps[-1], chosen=None)
+        if made is None:
+            made = vary(fit)
+            if made is fit:
+                break
+            fits = fits[:-1]
         fit = made
         fits.append(fit)
     return steps, fits
+
+
+def _with_step(task: EstimationTask, fit: FittedModel, step: Step) -> FittedModel | None:
+    """Return the fit with what a step adds, and without effects that are superfluous then; None where nothing is."""
+    if step.chosen is None:
+        return None
+    doubtful = fit.names if len(step.chosen.names) == 1 else step.chosen.fit.names
+    made = backward(task, step.chosen.fit, doubtful)
+    return None if {*made.names} == {*fit.names} else made  # what was added made itself superfluous
 
 
 def select_otherwise(
