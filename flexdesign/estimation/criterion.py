@@ -58,8 +58,8 @@ class Evidence:
     share
         Share of the unexplained mean square of the validation runs that it removes.
     change, own_change, tolerance
-        Change of the prediction against the model before, and against the model without the effect alone; and the
-        change that matters [response].
+        Change of the prediction against the model before, or improvement on the validation runs where that is less;
+        change against the model without the effect alone; and the change that matters [response], all rms.
     trace
         Score of the columns by which an effect shows whatever else it does, such as the line of a sinusoid; infinite
         if it has none.

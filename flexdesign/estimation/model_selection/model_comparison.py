@@ -101,12 +101,15 @@ def compare(
     added = [effect for effect in after.effects if effect.name in names]
     bounds = after.at_bound()
     share = criterion.explained_share(errors[0], errors[1], task.noise_rms)
+    # New runs begin at their first sample, so that a lag which each old run took for its late beginning is a change of
+    # prediction; it must be an improvement as well.
+    improvement = math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0))
     evidence = Evidence(
         gain=gain,
         needed=criterion.critical_value(score, sum(len(effect.free) for effect in added)) * after.discrepancy,
         helps=not is_validated or after.validation_chi2 < before.validation_chi2,
         share=share if is_validated else 1.0,
-        change=largest_difference(task, before.model, after.model),
+        change=min(improvement, largest_difference(task, before.model, after.model)),
         own_change=min(largest_difference(task, without_effect(after.model, effect), after.model) for effect in added),
         tolerance=task.tolerance,
         trace=min((_trace(before, after, effect) for effect in added), default=math.inf),
