@@ -167,8 +167,8 @@ def test_an_effect_that_only_helps_a_fit_that_is_caught_is_refused() -> None:
     assert best.reason == "itself moves the prediction by less than the tolerance" and not best.is_small
 
 
-def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs_no_other() -> None:
-    """The same column in the runs for the fit; in those kept apart the other effect is 1.9 times as large."""
+def test_a_change_of_the_prediction_that_is_no_improvement_is_not_relevant() -> None:
+    """In the runs kept apart the effect is 1.9 times as large: it changes them by 0.13 and improves them by 0.03."""
     tolerance = 0.1
     about = task({"d": 0.07}, tolerance=tolerance)
     louder = Candidate(
@@ -180,8 +180,9 @@ def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs
     )  # fmt: skip
     before = calibrated_stand(about)
     alone = forward(about, before, [louder])
-    assert alone.chosen is not None
-    assert difference(about.validate, before.model, alone.chosen.fit.model) > tolerance
+    (trial,) = alone.trials
+    assert difference(about.validate, before.model, trial.fit.model) > tolerance
+    assert alone.chosen is None and trial.reason == "moves the prediction by less than the tolerance" and trial.is_small
     step = forward(about, before, [louder, candidate("d", signed=True)])
     assert step.chosen is None
     assert reasons(step) == {("d",): "moves the prediction by less than the tolerance", ("loud",): ""}
