@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
-from flexdesign.core import subprocess_call
 from studies.ablation.parts import PARTS, Part, switched_off, watching
 from studies.hidden_effect_trial import trial
 from studies.hidden_effect_trial.trial import Outcome
@@ -82,14 +79,13 @@ def run(
     seconds = trial.settings().seconds
     acted, as_is = read_acted(out), _read(out / AS_IS, seed)
     left = [number for number in numbers if number not in as_is or number not in acted]
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = "1"
-    with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent) as pool:
+    with trial.worker_pool(jobs) as pool:
         progress = _Progress(len(left), say)
         waiting = {pool.submit(diagnose_watched, n, out, seconds, seed): n for n in left}
         for future in as_completed(waiting):
             outcome, keys = future.result()
-            _append_acted(outcome, keys, out)
+            line = {"number": outcome.number, "acted": sorted(keys), "source": outcome.source}
+            trial.append_line(out / ACTED, line)
             trial.append_outcome(outcome, out / AS_IS)
             as_is[outcome.number], acted[outcome.number] = outcome, keys
             progress.end("with all parts", outcome)
@@ -113,15 +109,15 @@ def read_acted(out: Path) -> dict[int, frozenset[str]]:
         lines = (out / ACTED).read_text(encoding="utf-8").splitlines()
     except OSError:
         return {}
-    stored, source = [json.loads(line) for line in lines if line.endswith("}")], trial.source()
-    return {each["number"]: frozenset(each["acted"]) for each in stored if each["source"] == source}
-
-
-def _append_acted(outcome: Outcome, keys: frozenset[str], out: Path) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    line = {"number": outcome.number, "acted": sorted(keys), "source": outcome.source}
-    with (out / ACTED).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
+    source, found = trial.source(), dict[int, frozenset[str]]()
+    for line in lines:
+        try:
+            stored = json.loads(line)
+        except ValueError:  # of a killed process
+            continue
+        if stored["source"] == source:
+            found[stored["number"]] = frozenset(stored["acted"])
+    return found
 
 
 def _read(folder: Path, seed: int) -> dict[int, Outcome]:

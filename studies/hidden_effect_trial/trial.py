@@ -9,7 +9,7 @@ import os
 import signal
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
@@ -193,12 +193,27 @@ class _no_longer_than:
 
 
 def append_outcome(outcome: Outcome, out: Path) -> None:
-    """Add what came of a case to the file of outcomes; what a killed process leaves of a line is passed over."""
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / OUTCOMES).open("ab+") as file:
+    """Add what came of a case to the file of outcomes."""
+    append_line(out / OUTCOMES, asdict(outcome))
+
+
+def append_line(path: Path, values: Mapping[str, Any]) -> None:
+    """Add a line of JSON to a file; what a killed process left of a line there ends first."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab+") as file:
         file.seek(-1 if file.tell() else 0, os.SEEK_END)
         torn = file.read(1) not in (b"", b"\n")
-        file.write(b"\n" * torn + json.dumps(asdict(outcome)).encode() + b"\n")
+        file.write(b"\n" * torn + json.dumps(values).encode() + b"\n")
+
+
+def worker_pool(jobs: int) -> ProcessPoolExecutor:
+    """Return a pool of processes, at least one, which end with this one.
+
+    One thread in each: the linear algebra is small, and the other cores have cases of their own.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"
+    return ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent)
 
 
 def read_outcomes(out: Path, seed: int = cases.SEED) -> dict[int, Outcome]:
@@ -260,11 +275,8 @@ def run(
         say(f"{len(done)} of {len(numbers)} cases are done already")
     if not left:
         return [done[n] for n in numbers]
-    # One thread in each process: the linear algebra is small, and the other cores have cases of their own.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = "1"
     began = time.perf_counter()
-    with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent) as pool:
+    with worker_pool(jobs) as pool:
         waiting = {pool.submit(run_case, n, out, seconds, seed): n for n in left}
         for count, future in enumerate(as_completed(waiting), start=1):
             outcome = future.result()

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
-from flexdesign.core import subprocess_call
 from studies.hidden_effect_trial import cases, trial
 from studies.hidden_effect_trial.effects import CATALOGUE, OUTSIDE
 from studies.hidden_effect_trial.folder import Answer
@@ -143,12 +140,8 @@ def false_names(answer: Answer, found: Diagnosed) -> int:
 
 
 def append_outcome(outcome: VariationOutcome, out: Path) -> None:
-    """Add what came of a variation to the file; what a killed process leaves of a line is passed over."""
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / OUTCOMES).open("ab+") as file:
-        file.seek(-1 if file.tell() else 0, os.SEEK_END)
-        torn = file.read(1) not in (b"", b"\n")
-        file.write(b"\n" * torn + json.dumps(asdict(outcome)).encode() + b"\n")
+    """Add what came of a variation to the file."""
+    trial.append_line(out / OUTCOMES, asdict(outcome))
 
 
 def read_outcomes(out: Path, source: str) -> dict[Variation, VariationOutcome]:
@@ -193,10 +186,8 @@ def run(
     say(f"seed {seed}: {len(asked) - len(left)} of {len(asked)} diagnoses are done already")
     for number in dict.fromkeys(each.number for each in left):  # before several processes ask for it
         trial.make_case(number, out, seed)
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = "1"
     began = time.perf_counter()
-    with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent) as pool:
+    with trial.worker_pool(jobs) as pool:
         waiting = [pool.submit(run_variation, each, out, seconds, seed) for each in left]
         for count, future in enumerate(as_completed(waiting), start=1):
             outcome = future.result()
