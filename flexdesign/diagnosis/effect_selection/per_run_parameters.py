@@ -62,7 +62,7 @@ class ByRun:
 # --- selection ------------------------------------------------------------------------------------------------------
 
 
-def vary_by_run(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
+def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return the fit in which strengths differ from run to run where the runs call for that; itself where they do not.
 
     Parameters
@@ -71,10 +71,8 @@ def vary_by_run(task: EstimationTask, fit: FittedModel, names: Sequence[str] | N
         The runs; without two that are fitted and one for validation, nothing can be said.
     fit
         A fit with effects.
-    names
-        Effects that are asked about; by default all.
     """
-    runs, tested = _runs(task, fit), _varying(fit, fit.names if names is None else names)
+    runs, tested = _runs(task, fit), _varying(fit)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
         score = _score_of(fit, effect.strength, runs)
@@ -108,10 +106,10 @@ def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidat
     return Step(best_of(task, trials), tuple(trials))
 
 
-def _varying(fit: FittedModel, names: Sequence[str]) -> list[Candidate]:
+def _varying(fit: FittedModel) -> list[Candidate]:
     """Return the effects whose strength may differ from run to run: one that adds up, and that no run has already."""
     found = []
-    for effect in (effect for effect in fit.effects if effect.name in names and not effect.is_limit):
+    for effect in (effect for effect in fit.effects if not effect.is_limit):
         parameter = _parameter(fit.model, effect.strength)
         if parameter.scale == "linear" and not parameter.twin:
             found.append(effect)

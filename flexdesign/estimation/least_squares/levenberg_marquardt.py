@@ -172,8 +172,8 @@ class _Search:
         self.cost, self.damping, self.gain_ratio = problem.cost(x, residuals), DAMPING, 0.0
         self.jacobians_here = 0
         parameters = problem.where.parameters
-        self.kinked = np.array([bool(parameter.run and parameter.screen) for parameter in parameters], dtype=bool)
-        self.may_hold = any(not parameter.run for parameter in parameters)
+        has_others = any(not parameter.run for parameter in parameters)
+        self.kinked = np.array([bool(has_others and p.run and p.screen) for p in parameters], dtype=bool)
         self.held, self.is_released = np.zeros(len(x), dtype=bool), False
         self.update_jacobian(old)
         self.fresh = not old
@@ -230,7 +230,7 @@ class _Search:
         coordinates are then moved by themselves, until they have converged (block coordinate descent: Bertsekas,
         Nonlinear Programming, section 3.7).
         """
-        if self.held.any() or not self.kinked.any() or not self.may_hold:
+        if self.held.any() or not self.kinked.any():
             return False
         self.held = self.kinked.copy()
         return True
