@@ -278,6 +278,8 @@ def search(
     )
     if not data.runs:  # simulations of small sines cost little
         more = select_otherwise(task, more, every, MOST_OF_LINES)
+    if fits and more[1] and more[1][0].names == fits[-1].names:  # the same effects, which differ from run to run now
+        fits.pop()
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]
     return task, SelectionHistory(
         begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
