@@ -185,6 +185,17 @@ def test_a_change_of_the_prediction_that_is_no_improvement_is_not_relevant() -> 
     assert alone.chosen is None and trial.reason == "moves the prediction by less than the tolerance" and trial.is_small
 
 
+def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs_no_other() -> None:
+    about = task({"d": 1.0})
+    step = forward(about, calibrated_stand(about), effects(d=candidate("d"), f=candidate("f", {"d": 0.9, "f": 0.1})))
+    first, second = step.trials
+    assert reasons(step) == {("d",): "", ("f",): ""} and first.names == ("d",)
+    assert best_of(about, [first, second]) is first
+    small = {"reason": "moves the prediction by less than the tolerance", "is_small": True}
+    assert best_of(about, [dataclasses.replace(first, **small), second]) is None
+    assert best_of(about, [first, dataclasses.replace(second, **small)]) is first
+
+
 @pytest.mark.parametrize(("error", "is_one"), [(0.7, False), (0.35, True), (0.05, True)])
 def test_a_strength_of_a_log_scale_is_determined_where_its_interval_is_smaller_than_itself(
     error: float, is_one: bool
