@@ -139,7 +139,7 @@ def test_the_row_of_a_part_counts_what_changes(tmp_path: Path) -> None:
     found = Ablation(as_is, acted, {"escape": without})
     cells = report.row(BY_KEY["escape"], found)
     assert cells[2:8] == ["2 of 3", "2", "2", "1", "4 of 4", "1 of 4"]
-    assert cells[8:] == ["1.5", "1.25"]
+    assert cells[8:] == ["1.5"]
     (change,) = report.changed_answers("escape", found)
     assert change[1] == "20002" and change[3] == "wrong: effects-found: creep and mains_hum"
     (line,) = report.write(found, [BY_KEY["escape"]], tmp_path, 7)

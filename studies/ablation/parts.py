@@ -75,7 +75,7 @@ PARTS: tuple[Part, ...] = (
     Part(
         f"{_EFFECTS}.per_run_parameters",
         "vary_step",
-        "chooses among effects that differ from run to run",
+        "tries what adds to the reading with numbers of each run",
         lambda task, before, step, **_: step,
     ),
     Part(f"{_EFFECTS}.per_run_parameters", "vary_by_run", "lets strengths differ from run to run", _second),

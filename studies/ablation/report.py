@@ -24,7 +24,6 @@ HEADS = (
     "intervals hold with it",
     "without",
     "error, without / with",
-    "time, without / with",
 )
 
 
@@ -38,7 +37,7 @@ def write(found: Ablation, parts: Sequence[Part], out: Path, seed: int) -> list[
     ]
     texts = [
         "A part acts in a case if it returns something else than what takes its place. Right verdicts and intervals "
-        "that hold the truth are counts; errors of the test runs and times are ratios of sums."
+        "that hold the truth are counts; errors of the test runs are a ratio of sums."
     ]
     sections = [
         Section("Parts", texts, [Table(HEADS, rows)]),
@@ -62,8 +61,7 @@ def row(part: Part, found: Ablation) -> list[str]:
         cells.append(f"{sum(inside)} of {len(inside)}")
     both = [(a, b) for a, b in pairs if a.found is not None and b.found is not None]
     errors = [[error_ratio(e.answer, e.found) for e in pair if e.found] for pair in both]
-    times = [[e.found.seconds for e in pair if e.found] for pair in both]
-    return [*cells, *(_ratio(table) for table in (errors, times))]
+    return [*cells, _ratio(errors)]
 
 
 def changed_answers(key: str, found: Ablation) -> list[list[str]]:
