@@ -201,13 +201,13 @@ def test_the_report_counts_each_setting_and_names_what_changes(tmp_path: Path) -
     every = [
         ended(),
         ended(number=10000),
-        ended(key, 0.5, value=1.5, seconds=4.0),
-        ended(key, 0.5, 10000, value=1.5, right=False, false_names=1, said="nothing -> payload", seconds=6.0),
+        ended(key, 0.5, value=1.5),
+        ended(key, 0.5, 10000, value=1.5, right=False, false_names=1, said="nothing -> payload"),
         ended(key, 2.0, value=6.0),
     ]
     cells = report.row(BY_KEY[key], every)
     assert cells[:2] == [key, "1.5 / 3 / 6"]
-    assert cells[3:] == ["1 of 2", "2 of 2", "1 of 1", "1", "0", "0", "5.0", "2.0", "2.0"]
+    assert cells[3:] == ["1 of 2", "2 of 2", "1 of 1", "1", "0", "0"]
     (change,) = report.changed_verdicts(every)
     assert change[:3] == [key, "1.5", "10000"] and change[4] == "wrong: nothing -> payload"
     (line,) = report.write(every, [BY_KEY[key]], tmp_path, 7)

@@ -10,7 +10,6 @@ from typing import Any
 from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
 from studies.hidden_effect_trial.report import seed_note
-from studies.hidden_effect_trial.scoring import median
 from studies.sensitivity.constants import Constant
 from studies.sensitivity.settings import FACTORS, VariationOutcome
 
@@ -22,9 +21,6 @@ HEADS = (
     "as it is",
     "at twice",
     "false names at half",
-    "as it is",
-    "at twice",
-    "seconds at half",
     "as it is",
     "at twice",
 )
@@ -44,7 +40,7 @@ def write(outcomes: Sequence[VariationOutcome], constants: Sequence[Constant], o
         "verdict: right instead of wrong, or wrong instead of right, or other false names.",
         "With so few cases one more or less is chance; a constant matters where it changes several.",
     ]
-    texts = ["Right verdicts and false names are counts, seconds are medians. A value that stays as it is has no cell."]
+    texts = ["Right verdicts and false names are counts. A value that stays as it is has no cell."]
     sections = [
         Section("Constants", texts, [Table(HEADS, rows)]),
         Section("Verdicts that change", tables=[Table(["constant", "value", "case", "as it is", "then"], changes)]),
@@ -64,9 +60,8 @@ def row(constant: Constant, outcomes: Sequence[VariationOutcome]) -> list[str]:
     groups = [_of(outcomes, constant.key, half), _of(outcomes, "", 1.0), _of(outcomes, constant.key, twice)]
     right = [f"{sum(each.right for each in group)} of {len(group)}" if group else NONE for group in groups]
     names = [str(sum(each.false_names for each in group)) if group else NONE for group in groups]
-    times = [f"{median(e.seconds for e in group if e.seconds):.1f}" if group else NONE for group in groups]
     values = [constant.value(factor) for factor in (half, 1.0, twice)]
-    return [constant.key, " / ".join(f"{value:.3g}" for value in values), constant.decides, *right, *names, *times]
+    return [constant.key, " / ".join(f"{value:.3g}" for value in values), constant.decides, *right, *names]
 
 
 def changed_verdicts(outcomes: Sequence[VariationOutcome]) -> list[list[str]]:
