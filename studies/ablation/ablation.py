@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
@@ -105,19 +104,8 @@ def run(
 
 def read_acted(out: Path) -> dict[int, frozenset[str]]:
     """Return which parts acted in the cases of this package that are done."""
-    try:
-        lines = (out / ACTED).read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return {}
-    source, found = trial.source(), dict[int, frozenset[str]]()
-    for line in lines:
-        try:
-            stored = json.loads(line)
-        except ValueError:  # of a killed process
-            continue
-        if stored["source"] == source:
-            found[stored["number"]] = frozenset(stored["acted"])
-    return found
+    source, stored = trial.source(), trial.read_lines(out / ACTED)
+    return {each["number"]: frozenset(each["acted"]) for each in stored if each["source"] == source}
 
 
 def _read(folder: Path, seed: int) -> dict[int, Outcome]:

@@ -11,6 +11,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -206,6 +207,19 @@ def append_line(path: Path, values: Mapping[str, Any]) -> None:
         file.write(b"\n" * torn + json.dumps(values).encode() + b"\n")
 
 
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """Return the lines that `append_line` added; none without a file, and without what a killed process left of one."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
+    found = list[dict[str, Any]]()
+    for line in lines:
+        with suppress(ValueError):
+            found.append(json.loads(line))
+    return found
+
+
 def worker_pool(jobs: int) -> ProcessPoolExecutor:
     """Return a pool of processes, at least one, which end with this one.
 
@@ -218,14 +232,9 @@ def worker_pool(jobs: int) -> ProcessPoolExecutor:
 
 def read_outcomes(out: Path, seed: int = cases.SEED) -> dict[int, Outcome]:
     """Return what came of a seed's cases before, by number, but for those whose last outcome is an error."""
-    try:
-        lines = (out / OUTCOMES).read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return {}
     found: dict[int, Outcome | None] = {}
-    for line in lines:
+    for stored in read_lines(out / OUTCOMES):
         try:
-            stored: dict[str, Any] = json.loads(line)
             found[stored["number"]] = _outcome(stored) if not stored["error"] else None
         except (ValueError, KeyError, TypeError):
             continue

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
@@ -146,15 +145,11 @@ def append_outcome(outcome: VariationOutcome, out: Path) -> None:
 
 def read_outcomes(out: Path, source: str) -> dict[Variation, VariationOutcome]:
     """Return what came of variations before, with this package and these values of the constants."""
-    try:
-        lines = (out / OUTCOMES).read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return {}
     found = dict[Variation, VariationOutcome]()
-    for line in lines:
+    for stored in trial.read_lines(out / OUTCOMES):
         try:
-            outcome = VariationOutcome(**json.loads(line))
-        except (ValueError, TypeError):
+            outcome = VariationOutcome(**stored)
+        except TypeError:
             continue
         if outcome.source == source:
             found[outcome.variation] = outcome
