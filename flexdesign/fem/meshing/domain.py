@@ -324,31 +324,26 @@ def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[Flo
     InputError
         If that takes more than `MOST` triangles.
     """
-    places = list(points)
-    middles: dict[tuple[int, int], int] = {}
-    waiting = [tuple(corners) for corners in triangles.tolist()]
-    done: list[tuple[int, ...]] = []
-    while waiting:
-        if len(waiting) + len(done) > MOST:
+    done, count = [], 0
+    while len(triangles):
+        count += len(triangles)
+        if count > MOST:
             remedy = (
                 f"a round face needs more than {MOST} triangles with edges of at most {longest / MM:.2g} mm, which the "
                 "thinnest hinge asks for; make this hinge thicker, or the face smaller"
             )
             raise InputError("part", "solid", None, remedy)
-        corners = waiting.pop()
-        sides = [float(np.linalg.norm(places[corners[i]] - places[corners[i - 2]])) for i in range(3)]
-        side = int(np.argmax(sides))
-        if sides[side] <= longest:
-            done.append(corners)
-            continue
-        a, b, c = corners[side], corners[side - 2], corners[side - 1]
-        ends = (min(a, b), max(a, b))
-        if ends not in middles:
-            middles[ends] = len(places)
-            places.append((places[a] + places[b]) / 2)
-        middle = middles[ends]
-        waiting += [(a, middle, c), (middle, b, c)]
-    return np.array(places), np.array(done, dtype=np.int64)
+        sides = np.linalg.norm(points[np.roll(triangles, -1, axis=1)] - points[triangles], axis=2)
+        is_long = sides.max(axis=1) > longest
+        done.append(triangles[~is_long])
+        count -= int(is_long.sum())
+        first = sides[is_long].argmax(axis=1)
+        a, b, c = np.take_along_axis(triangles[is_long], (first[:, None] + np.arange(3)) % 3, axis=1).T
+        middle = len(points) + np.arange(len(a))
+        points = np.concatenate([points, (points[a] + points[b]) / 2])
+        triangles = np.concatenate([np.column_stack([a, middle, c]), np.column_stack([middle, b, c])])
+    places, number = np.unique(points, axis=0, return_inverse=True)  # neighbours halve the same side to the same point
+    return places, number.reshape(-1)[np.concatenate(done)]
 
 
 def _on_cylinder(points: FloatArray, axis: FloatArray, radius: float) -> FloatArray:

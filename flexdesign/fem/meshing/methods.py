@@ -59,6 +59,8 @@ STOUT_LAYERS = 4
 #: within the gate's 0.5 % line by line, and has three elements across the neck or more.
 EXTRUDED_NECK = (0.15, 0.12, 8e-4)
 UNSTRUCTURED_NECK = (0.18, 0.18, 3.5e-4)
+#: Chord error at curved necks, in neck thicknesses, at most: with more, the gate refuses coarse meshes line by line.
+LARGEST_NECK_CHORD = 4e-3
 #: Most tetrahedra of an unstructured mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose
 #: factor takes 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their
 #: number to the power 1.28. That is all that a machine of 24 GiB has.
@@ -171,7 +173,13 @@ class Grading:
         longest = [arc * owner.root_radius if owner.root_radius > 0 else math.inf for owner in owners]
         surface, inside, chord = neck
         necks = tuple(
-            Neck(hinge, surface * at_roots, inside * elsewhere, chord * elsewhere**2 * hinge.thickness, keeps_area)
+            Neck(
+                hinge,
+                surface * at_roots,
+                inside * elsewhere,
+                min(chord * elsewhere**2, LARGEST_NECK_CHORD) * hinge.thickness,
+                keeps_area,
+            )
             for hinge in necks_in(self.members, self.domain)
         )
         return Sizing(
