@@ -129,14 +129,16 @@ def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
 ) -> None:
     tried: list[float] = []
     nothing: Any = SimpleNamespace(ports=lambda: [SimpleNamespace(role="input")])
-    method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0))
-    monkeypatch.setattr(mesh_refinement, "_level", lambda *_, **__: None)
+    solved: list[float] = []
+    monkeypatch.setattr(mesh_refinement, "_level", lambda *given, **_: solved.append(given[4]))
     monkeypatch.setattr(mesh_refinement, "gather_quantities", lambda *_: [])
     monkeypatch.setattr(mesh_refinement, "is_converged", lambda *_: True)
-    for changes in ([], ['mesh.accuracy="1 %"']):
+    for changes, head_start in (([], 1), (['mesh.accuracy="1 %"'], 0), (['mesh.accuracy="1 %"'], 1)):
+        method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0), head_start=head_start)
         asked = study.read("bridge_amplifier", changes)
         mesh_refinement.refine(asked, nothing, nothing, method, Cache(tmp_path), pytest.fail)
-    assert tried == [1.0, pytest.approx(1.35)]
+    assert tried == pytest.approx([1.0, 1.35, 1.35**2])
+    assert solved == pytest.approx([1.35**2, 1.35, 1.0, 1.35**2, 1.35, 1.35**3, 1.35**2])
 
 
 class Stubborn:
@@ -144,6 +146,7 @@ class Stubborn:
 
     name = "stubborn"
     scatter = MeshNoise(0.0, 0.25)
+    head_start = 0
 
     def __init__(self, method: Extruded, refused: int, tries: int) -> None:
         self.method, self.refused, self.tries, self.meshed = method, refused, tries, 0

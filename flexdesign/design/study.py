@@ -42,8 +42,9 @@ class MeshSettings(Table):
     The element size is `at_root` hinge thicknesses at the hinge roots on the finest mesh and grows with the distance
     from them up to `largest`; the defaults of the first two, 0.3 and 0.45 for unstructured meshes and 0.05 and 0.6 for
     extruded ones, balance the error of the roots with that of the rest. Each coarser mesh is `refinement` times as
-    coarse everywhere; an extruded one at the roots by its square. The unstructured mesher may move the surface by
-    `envelope` hinge thicknesses, before its vertices are put back on the CAD faces.
+    coarse everywhere; an extruded one at the roots by its square. Extruded parts with curved necks have their few sharp
+    roots resolved four times as finely, and begin one mesh coarser where an accuracy is asked for. The unstructured
+    mesher may move the surface by `envelope` hinge thicknesses, before its vertices are put back on the CAD faces.
 
     With `cross_check` the part is also solved in every other way that it allows, with each method and on its
     fundamental domain and whole, and the report sets the answers side by side.

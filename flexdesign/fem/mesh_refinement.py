@@ -100,11 +100,13 @@ def refine(
         If there are none, one would be too large, or memory does not suffice.
     """
     require_memory(study, method, omit, study.design.file)
-    asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
+    asked = study.mesh.accuracy
+    first = study.mesh.levels - 1 + (method.head_start if asked else 0)
+    most = (MOST_LEVELS if asked else study.mesh.levels) - omit
     driven = any(port.role == "input" for port in part.ports())
     levels: list[Level] = []
     refused: InputError | None = None
-    for power in range(study.mesh.levels - 1, omit - 1 - finest, -1):
+    for power in range(first, first - most, -1):
         try:
             coarseness = study.mesh.refinement**power
             # Lateral motions and modes converge sooner: with three meshes the finest goes without them, unless they are
@@ -138,9 +140,9 @@ def require_memory(study: Study, method: Method, omit: int, file: Path) -> None:
     InputError
         If one would be, about the file.
     """
-    levels = study.mesh.levels - 2 if study.mesh.accuracy else omit
+    power = study.mesh.levels - 2 + method.head_start if study.mesh.accuracy else omit
     try:
-        method.require_room(study.mesh.refinement**levels)
+        method.require_room(study.mesh.refinement**power)
     except MeshError as error:
         raise InputError(file, "mesh", None, str(error)) from error
 

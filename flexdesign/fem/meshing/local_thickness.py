@@ -159,6 +159,7 @@ class LocalThickness:
     conforming: bool = True
 
     name: ClassVar[str] = "wild"
+    head_start: ClassVar[int] = 0
 
     @property
     def scatter(self) -> MeshNoise:
