@@ -12,7 +12,7 @@ import pytest
 
 from flexdesign import effects
 from flexdesign.diagnosis import experiment_design
-from flexdesign.diagnosis.experiment_design.signature import VISIBLE
+from flexdesign.diagnosis.experiment_design.signature import VISIBLE_SHARE
 from flexdesign.dynamics import stage_model
 from flexdesign.report.catalogue import effect_charts, effect_pages
 from flexdesign.report.render import to_markdown
@@ -106,7 +106,7 @@ def test_the_strength_is_such_that_the_reading_changes_by_a_hundredth_of_the_str
     for name in ("creep", "payload_mass", "driver_saturation"):
         found = shown(name)
         # The search ends within 3 % of the strength; a saturation grows faster than in proportion.
-        assert max(seen.change for seen in found.seen) / found.stroke == pytest.approx(VISIBLE, rel=0.7)
+        assert max(seen.change for seen in found.seen) / found.stroke == pytest.approx(VISIBLE_SHARE, rel=0.7)
 
 
 def test_creep_grows_by_its_strength_in_a_decade(shown: Callable[[str], experiment_design.Signature]) -> None:

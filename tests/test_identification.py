@@ -18,7 +18,7 @@ import pytest
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import identify as identification
 from flexdesign.diagnosis.comparison import RunComparison
-from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR, identify, prior
+from flexdesign.diagnosis.identify import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, identify, prior
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import DELAY, AxisDynamics
@@ -40,7 +40,7 @@ START = replace(
     gain=2e-6,
     effects={"bouc_wen": {"a": 0.2e-6, "b": 0.02, "c": 0.0, "n": 1.0}},
 )
-FREE = (*LINEAR, *HYSTERESIS)
+FREE = (*LINEAR_PARAMETERS, *HYSTERESIS_PARAMETERS)
 REST = "bouc_wen.rest"
 #: Recordings by others, which do not come with the project: beside the checkout, if anywhere.
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -176,7 +176,7 @@ def test_a_delay_that_the_model_states_is_part_of_the_prediction() -> None:
 
 
 def test_a_delay_can_be_identified(tmp_path: Path) -> None:
-    seen = identify(stage(START), [late_run()], free=[*LINEAR, *HYSTERESIS, DELAY], starts=1)
+    seen = identify(stage(START), [late_run()], free=[*LINEAR_PARAMETERS, *HYSTERESIS_PARAMETERS, DELAY], starts=1)
     assert recovered(seen) and seen.estimates[-1].name == DELAY
     assert (seen.estimates[-1].sigma or 1) < 1e-6  # a thousandth of a sample
     assert seen.model.controller.delay == seen.estimates[-1].value
@@ -203,7 +203,7 @@ def test_the_hysteretic_benchmark() -> None:
     spring = {"alpha": 0.5, "gamma": 300.0, "delta": 0.0, "nu": 1.0}
     start = AxisModel(30.0, 0.03, 1.5e-5, effects={"hysteretic_spring": spring})
     names = [f"hysteretic_spring.{name}" for name in ("alpha", "gamma", "delta")]
-    seen = identify(stage(start), [run], free=[*LINEAR, *names], starts=3)
+    seen = identify(stage(start), [run], free=[*LINEAR_PARAMETERS, *names], starts=3)
     w0 = (truth.k / truth.m) ** 0.5
     right = [1 / truth.k, truth.c / (2 * truth.m * w0), w0 / (2 * np.pi), truth.alpha / truth.k]
     right += [truth.beta * truth.gamma, truth.beta * truth.delta]
@@ -283,7 +283,7 @@ def test_the_written_model_says_what_was_identified(tmp_path: Path) -> None:
         uncertainty={"stiffness": 0.03, "mass": 0.03},
         assumed=("damping_ratio", "gain"),
     )
-    seen = identify(stage(axis), [recorded(triangle_and_steps())], free=[*LINEAR, "bouc_wen.a"], starts=1)
+    seen = identify(stage(axis), [recorded(triangle_and_steps())], free=[*LINEAR_PARAMETERS, "bouc_wen.a"], starts=1)
     (tmp_path / "model.toml").write_text(stage_model.to_toml(seen.model))
     read = stage_model.read(tmp_path / "model.toml").axes["x"]
     assert read.assumed == ()
@@ -461,7 +461,7 @@ def test_the_electronic_oscillator() -> None:
     linear = {run.name: run.rms for run in identify(stage(axis), seen).runs}
     assert linear["arrow"] == pytest.approx(14.2e-3, rel=0.03)
     stiffening = AxisDynamics("x", axis, 0.2).with_effect(identification.effects.find("stress_stiffening")).axis
-    cubic = identify(stage(stiffening), seen, free=[*LINEAR, "stress_stiffening.cubic"])
+    cubic = identify(stage(stiffening), seen, free=[*LINEAR_PARAMETERS, "stress_stiffening.cubic"])
     assert {run.name: run.rms for run in cubic.runs}["arrow"] < 1.3e-3
     assert cubic.model.axes["x"].natural_frequency == pytest.approx(68.3, abs=0.1)
     assert cubic.model.axes["x"].effects["stress_stiffening"]["cubic"] == pytest.approx(3.95, rel=0.02)

@@ -17,8 +17,8 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import experiment_design
 from flexdesign.diagnosis.experiment_design import command_files
 from flexdesign.diagnosis.experiment_design.effect_strength import inertia
-from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, BEYOND, PERIODS
-from flexdesign.diagnosis.experiment_design.limits import GRID, MARGIN
+from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, OVERTRAVEL, PERIODS_KEPT
+from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, MARGIN
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, ControllerTiming, Driver, StageModel
@@ -76,9 +76,9 @@ def test_random_stages_keep_every_limit(
     for command in commands.values():
         assert command.samples.min() >= limits.low and command.samples.max() <= limits.high
         assert np.abs(np.diff(command.samples)).max() <= limits.slew / rate
-        assert command.samples[0] == pytest.approx(limits.home, abs=GRID)
-        assert command.samples[-1] == pytest.approx(limits.home, abs=GRID)
-        assert np.array_equal(np.rint(command.samples / GRID) / round(1 / GRID), command.samples)
+        assert command.samples[0] == pytest.approx(limits.home, abs=COMMAND_GRID)
+        assert command.samples[-1] == pytest.approx(limits.home, abs=COMMAND_GRID)
+        assert np.array_equal(np.rint(command.samples / COMMAND_GRID) / round(1 / COMMAND_GRID), command.samples)
 
 
 def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
@@ -150,8 +150,8 @@ def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
     for name in ("multisine_small_a", "multisine_medium_b", "multisine_large_a"):
         command = commands[name]
         count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
-        kept = command.samples[end - PERIODS * count : end]
-        assert len(command.marks) == PERIODS + 1
+        kept = command.samples[end - PERIODS_KEPT * count : end]
+        assert len(command.marks) == PERIODS_KEPT + 1
         assert np.array_equal(kept[:count], kept[count:])
         amplitude = np.abs(np.fft.rfft(kept[:count])) * 2 / count
         tones = np.flatnonzero(amplitude[1:] > 0.5 * amplitude[1:].max()) + 1
@@ -160,7 +160,7 @@ def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
         assert hertz[-1] <= limits.bandwidth <= 0.4 * rate
         assert np.array_equal(tones, np.arange(tones[0], tones[-1] + 1))
         others = np.delete(amplitude, [0, *tones])
-        assert others.max() < GRID  # what rounding to the grid leaves
+        assert others.max() < COMMAND_GRID  # what rounding to the grid leaves
         if damping < 0.1:  # several tones within the width of the resonance
             assert np.sum(np.abs(hertz - frequency) < damping * frequency) >= 3
         crest = np.ptp(kept) / 2 / kept.std()
@@ -178,7 +178,7 @@ def test_the_motion_stays_within_the_static_range() -> None:
     motion = GAIN * np.fft.irfft(spectrum / (1 - ratio**2 + 0.02j * ratio), count)
     middle, half = GAIN * limits.middle, 0.5 * GAIN * limits.span
     # Samples are held, and the first period is no steady state: both change the peak by some percent.
-    assert np.abs(motion - middle).max() < (1 + 2 * BEYOND) * half * 1.1
+    assert np.abs(motion - middle).max() < (1 + 2 * OVERTRAVEL) * half * 1.1
     assert np.abs(motion - middle).max() > 0.5 * half
 
 

@@ -14,7 +14,7 @@ from flexdesign.diagnosis.preparation import truncated_runs
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.least_squares.local_minima import BETTER
+from flexdesign.estimation.least_squares.local_minima import OTHER_MINIMUM
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
@@ -33,14 +33,14 @@ def demo() -> tuple[StageModel, tuple[Run, ...]]:
 
 def long(monkeypatch: pytest.MonkeyPatch, enough: int) -> DiagnosisData:
     """Take recordings for long ones that are longer than so many values in all."""
-    monkeypatch.setattr(truncated_runs, "ENOUGH", enough)
-    monkeypatch.setattr(truncated_runs, "LONG", enough)
+    monkeypatch.setattr(truncated_runs, "SAMPLES_SEARCHED", enough)
+    monkeypatch.setattr(truncated_runs, "LONG_RUNS", enough)
     return prepare(*demo(), None, None)
 
 
 def test_short_recordings_are_searched_whole() -> None:
     data = prepare(*demo(), None, None)
-    assert sum(len(run.time) for run in data.runs) < truncated_runs.LONG
+    assert sum(len(run.time) for run in data.runs) < truncated_runs.LONG_RUNS
     assert truncated_runs.truncate(data) is None
 
 
@@ -81,8 +81,8 @@ def test_all_runs_are_cut_at_the_same_length(
     lengths: list[int], enough: int, cut: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that as many values are left as are searched: short runs give what is theirs to longer ones."""
-    monkeypatch.setattr(truncated_runs, "ENOUGH", enough)
-    monkeypatch.setattr(truncated_runs, "LONG", 0)
+    monkeypatch.setattr(truncated_runs, "SAMPLES_SEARCHED", enough)
+    monkeypatch.setattr(truncated_runs, "LONG_RUNS", 0)
     about = prepare(*demo(), None, None)
     (name,) = about.runs[0].responses
     runs = [
@@ -126,7 +126,7 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     assert value.value == pytest.approx(expected["value"], abs=0.05 * (high - low))
     assert value.interval == pytest.approx((low, high), abs=0.05 * (high - low))
     # A run begins elsewhere only where that lowers its squares by two percent (`local_minima.BETTER`).
-    assert found.validation_error == pytest.approx(KEPT["validation_error"]["value"], rel=1 - BETTER)
+    assert found.validation_error == pytest.approx(KEPT["validation_error"]["value"], rel=1 - OTHER_MINIMUM)
     assert [rung.label for rung in found.error_ladder] == [rung["label"] for rung in KEPT["ladder"]]
 
 

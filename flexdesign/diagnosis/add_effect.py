@@ -38,7 +38,7 @@ from flexdesign.estimation.model_selection.stepwise_selection import fit_candida
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
-SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
+SHOWN_REFERENCES, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ def _fit_addition(task: EstimationTask, gone: SelectionHistory, candidate: Candi
 
 def _check(data: DiagnosisData, name: str, model: StageModel) -> None:
     """Refuse an effect that is there, or that the runs cannot show."""
-    if name in candidates.NOISE:
+    if name in candidates.NOISE_EFFECTS:
         remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
         raise InputError("command line", "EFFECT", name, remedy)
     number = fields.AXIS_FIELDS.get(name)
@@ -303,7 +303,7 @@ def loop_with(
     try:
         plan = standard_experiments.plan(bare)
         wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, f"with {called}")}
-        chosen = [e.model_copy(update=wanted) for e in plan.experiments if e.name.partition(" ")[0] in SHOWN]
+        chosen = [e.model_copy(update=wanted) for e in plan.experiments if e.name.partition(" ")[0] in SHOWN_REFERENCES]
         variants = {AS_MODELLED: bare, f"with {called}": with_it}
         return InTheLoop(simulation.run(bare, variants, replace(plan, experiments=tuple(chosen)), progress))
     except InputError as error:

@@ -14,7 +14,7 @@ from flexdesign.diagnosis.result import ErrorStep
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 
 #: A parameter may be set within this number of standard deviations of its prior; else from a half to twice its value.
-SIGMAS, FACTOR = 3.0, 2.0
+PRIOR_DEVIATIONS, DEFAULT_FACTOR = 3.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,11 @@ def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[Adjusta
         if parameter.run:
             continue
         fitted = present[parameter.name]
-        reach = abs(fitted) * (1 - 1 / FACTOR) or 1.0
-        low, high = fitted - reach, fitted + FACTOR * reach
+        reach = abs(fitted) * (1 - 1 / DEFAULT_FACTOR) or 1.0
+        low, high = fitted - reach, fitted + DEFAULT_FACTOR * reach
         if parameter.name in known and parameter.scale == "linear":
             middle, sigma = known[parameter.name]
-            low, high = min(fitted, middle - SIGMAS * sigma), max(fitted, middle + SIGMAS * sigma)
+            low, high = min(fitted, middle - PRIOR_DEVIATIONS * sigma), max(fitted, middle + PRIOR_DEVIATIONS * sigma)
         if parameter.null is not None and math.isfinite(parameter.null):
             low, high = min(low, parameter.null), max(high, parameter.null)
         low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])

@@ -32,11 +32,11 @@ from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 #: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
-LINEAR = ("gain", "damping_ratio", "natural_frequency")
-HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
+LINEAR_PARAMETERS = ("gain", "damping_ratio", "natural_frequency")
+HYSTERESIS_PARAMETERS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
 #: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
 #: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
-CONTRADICTED = 1.02
+CONTRADICTION = 1.02
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def identify(
         raise InputError("command line", "RUNS", None, remedy)
     max_command = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
     start = AxisDynamics(name, model.axes[name], max_command, delay=model.controller.delay)
-    default = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())
+    default = LINEAR_PARAMETERS + (HYSTERESIS_PARAMETERS if "bouc_wen" in start.axis.effects else ())
     asked = default if free is None else require_parameters(start, free)
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
@@ -269,7 +269,7 @@ class _Search:
                 if found
                 else [compare_run(self.dynamics, run, 1.0).rms for run in self.runs]
             )
-            if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
+            if all(r <= CONTRADICTION * m.rms for r, m in zip(rms, best.matches, strict=True)):
                 break
         return found
 

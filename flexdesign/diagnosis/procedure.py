@@ -20,7 +20,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.effect_selection.basis_functions import basis_functions_of
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
-    EXACT,
+    PREDICTION_ERROR,
     PRIOR_BOUND,
     case_of,
     choose_interpolation,
@@ -61,7 +61,7 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
 #: a delay and two modes act in bands of their own.
-MOST, MOST_OF_LINES = 3, 5
+MOST_EFFECTS, MOST_EFFECTS_OF_LINES = 3, 5
 
 
 def diagnose(
@@ -117,7 +117,7 @@ def diagnose(
         task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), preliminary)
         # Errors of simulation matter where they are not small compared with those of the fitted parameters.
         samples = history.final.solution.problem.dataset.samples
-        if history.final.effects and EXACT**2 * samples > history.final.discrepancy:
+        if history.final.effects and PREDICTION_ERROR**2 * samples > history.final.discrepancy:
             progress("fitting once more, simulated more exactly")
             history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
@@ -271,13 +271,13 @@ def search(
         task,
         fits[-1] if fits else calibration,
         every,
-        MOST if data.runs else MOST_OF_LINES,
+        MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES,
         expansion_points=() if fits else begun.origins,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
     if not data.runs:  # simulations of small sines cost little
-        more = select_otherwise(task, more, every, MOST_OF_LINES)
+        more = select_otherwise(task, more, every, MOST_EFFECTS_OF_LINES)
     if fits and more[1] and more[1][0].names == fits[-1].names:  # the same effects, which differ from run to run now
         fits.pop()
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]

@@ -15,9 +15,9 @@ from flexdesign.measurements.noise_level import allowed_excess
 
 #: A sample this number of standard deviations of its run from zero is a jump; this number of jumps is not random: in
 #: Gaussian noise one sample in five hundred million lies as far.
-JUMP, JUMPS = 6.0, 3
+JUMP_DEVIATIONS, FEWEST_JUMPS = 6.0, 3
 #: Standard deviation of Gaussian noise over the median of its size.
-GAUSSIAN = 1.4826
+DEVIATION_PER_MEDIAN = 1.4826
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Remainder:
     @property
     def is_noise(self) -> bool:
         """Tell whether nothing but noise is left."""
-        return self.excess <= self.allowed and self.jumps < JUMPS
+        return self.excess <= self.allowed and self.jumps < FEWEST_JUMPS
 
 
 def remainder(data: DiagnosisData, fit: FittedModel) -> Remainder:
@@ -93,7 +93,7 @@ def _jumps(data: DiagnosisData, fit: FittedModel) -> int:
         if record.observation.name in data.lines:  # neighbouring lines are no neighbours in time
             continue
         left = np.abs(part[: len(record.measured)][record.present])
-        count += int((left > JUMP * GAUSSIAN * np.median(left)).sum())
+        count += int((left > JUMP_DEVIATIONS * DEVIATION_PER_MEDIAN * np.median(left)).sum())
     return count
 
 
@@ -131,7 +131,7 @@ def describe(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
     share = _size(data, final)
     if data.noise.known and any(data.noise.whitening.process(run.name).order for run in data.runs):
         share += " (whitened: of each sample counts what those before it do not predict; the errors stated are raw)"
-    if final.jumps >= JUMPS:
+    if final.jumps >= FEWEST_JUMPS:
         share += f", with {final.jumps} sudden jumps"
     if not left.terms:
         return f"{share}; no smooth function of position, velocity, voltage or time explains it"

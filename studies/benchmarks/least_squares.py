@@ -44,10 +44,10 @@ from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt
-from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, SMALL, Columns, Effort
+from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, SMALL_REDUCTION, Columns, Effort
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
-from flexdesign.estimation.model_selection.calibration import STARTED, calibrate
+from flexdesign.estimation.model_selection.calibration import CALIBRATION_EFFORT, calibrate
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -156,7 +156,7 @@ def solve_scipy(problem: Problem, manner: FitSettings, old: Columns) -> float:
             block[:, columns] = part.matrix
         return np.vstack([*blocks, problem.prior_jacobian(x)])
 
-    ends = max(manner.effort.share, SMALL / problem.dataset.samples)
+    ends = max(manner.effort.share, SMALL_REDUCTION / problem.dataset.samples)
     bounds = (where.lower, where.upper)
     found = least_squares(
         residuals, where.start, jacobian, bounds, "trf", x_scale="jac", ftol=ends, xtol=TIGHT, gtol=TIGHT
@@ -165,7 +165,7 @@ def solve_scipy(problem: Problem, manner: FitSettings, old: Columns) -> float:
 
 
 SOLVERS: dict[str, Callable[[Problem, FitSettings, Columns], float]] = {"own": solve_own, "SciPy": solve_scipy}
-MANNERS = {"to the end": FitSettings(MINIMUM, False), "roughly": FitSettings(STARTED, True)}
+MANNERS = {"to the end": FitSettings(MINIMUM, False), "roughly": FitSettings(CALIBRATION_EFFORT, True)}
 
 
 def compare_solvers(task: Task, manner: FitSettings) -> dict[str, SolverOutcome]:
@@ -299,7 +299,7 @@ HEADS = (
 
 def is_lower(a: SolverOutcome, b: SolverOutcome) -> bool:
     """Tell whether one cost is lower than another by more than solvers may leave."""
-    return b.cost - a.cost > max(SMALL, SAME * a.cost)
+    return b.cost - a.cost > max(SMALL_REDUCTION, SAME * a.cost)
 
 
 @dataclass(frozen=True)

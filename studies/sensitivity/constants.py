@@ -106,7 +106,7 @@ CONSTANTS: tuple[Constant, ...] = (
     ),
     Constant(
         "flexdesign.diagnosis.preparation.dataset",
-        "TOLERANCE",
+        "DEFAULT_TOLERANCE",
         "relevance where the noise is unknown, in shares of the stroke",
     ),
     Constant(

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import norm
 
 from flexdesign.core.model import Observation
-from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
 from flexdesign.estimation.noise.whitening import White
@@ -32,7 +32,12 @@ def offset(observation: Observation) -> tuple[Array, Array]:
 
 
 def solved(
-    model: Toy, runs: Sequence[Run], sigma: float, shapes: Shapes = nothing, small: float = SMALL, **known: Any
+    model: Toy,
+    runs: Sequence[Run],
+    sigma: float,
+    shapes: Shapes = nothing,
+    small: float = SMALL_REDUCTION,
+    **known: Any,
 ) -> Solution:
     where = coordinates(model, [p.name for p in model.every], known)
     problem = Problem(Dataset(runs, White(sigma), shapes), model, where)

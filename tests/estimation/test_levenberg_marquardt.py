@@ -18,7 +18,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     FULL,
     QUICK,
     ROUGH,
-    SMALL,
+    SMALL_REDUCTION,
     Effort,
     Solution,
     linearise,
@@ -30,9 +30,10 @@ from flexdesign.estimation.noise.whitening import White
 from tests.estimation.toys import Array, Run, Toy, parameter
 
 T = np.linspace(0, 2, 150)
-#: A step that promises less than `SMALL` is the last: no coordinate is then farther from the minimum, in its standard
-#: deviations, than the root of that, as long as the model is straight over such a step; doubled for where it is not.
-CLOSE = 2 * math.sqrt(SMALL)
+#: A step that promises less than `SMALL_REDUCTION` is the last: no coordinate is then farther from the minimum, in its
+#: standard deviations, than the root of that, as long as the model is straight over such a step; doubled for where it
+#: is not.
+CLOSE = 2 * math.sqrt(SMALL_REDUCTION)
 
 
 def nothing(observation: Observation) -> tuple[Array, Array]:
@@ -109,7 +110,7 @@ def test_minimum_is_that_of_an_independent_program(seed: int) -> None:
     task = problem(model, data, 0.02, k=k, a=(truth["a"] + 0.01, 0.02))
     x, cost = by_scipy(task, data, 0.02)
     found = solved(task)
-    assert found.cost - cost < SMALL
+    assert found.cost - cost < SMALL_REDUCTION
     assert np.all(np.abs(found.x - x) <= CLOSE * np.sqrt(np.diag(found.covariance)))
     residuals = task.residuals(found.x)
     assert found.cost == task.cost(found.x, residuals)
@@ -164,7 +165,7 @@ def test_a_narrow_valley_is_followed_to_its_end(cosine: float) -> None:
     )
     data = model.formula({"p": truth[0], "q": truth[1]}, T)
     found = solved(problem(model, data, 1.0))
-    assert found.cost < SMALL  # at the truth it is zero
+    assert found.cost < SMALL_REDUCTION  # at the truth it is zero
     assert np.all(np.abs(found.x - truth) < CLOSE * np.sqrt(np.diag(found.covariance)))
 
 
@@ -179,7 +180,7 @@ def bent_valley() -> Problem:
 
 def test_a_bent_valley_is_followed_to_its_end() -> None:
     found = solved(bent_valley())
-    assert found.cost < SMALL
+    assert found.cost < SMALL_REDUCTION
     assert values(found)["x"] == pytest.approx(1.0, abs=CLOSE * 1e-2)
 
 
@@ -199,7 +200,7 @@ def test_a_kink_is_passed(start: float) -> None:
         left = data - 0.1 * T
         return float(np.sum((left - ramp * (ramp @ left) / (ramp @ ramp)) ** 2)) / 0.01**2
 
-    assert found.cost - min(cost(gap) for gap in np.linspace(0.75, 0.85, 2001)) < SMALL
+    assert found.cost - min(cost(gap) for gap in np.linspace(0.75, 0.85, 2001)) < SMALL_REDUCTION
 
 
 @pytest.mark.parametrize("turned", [-0.6, -0.05])
@@ -220,7 +221,7 @@ def test_an_initial_state_beside_a_kink_does_not_stop_the_others(turned: float) 
     assert values(found)["run:turn"] < 0
     beside = problem(Toy(lambda v, t: formula({**v, "run:turn": turned}, t), every), data, 1e-3)
     x, cost = by_scipy(beside, data, 1e-3)
-    assert sum(float(part @ part) for part in found.residuals) - cost < SMALL
+    assert sum(float(part @ part) for part in found.residuals) - cost < SMALL_REDUCTION
     assert np.all(np.abs(found.x[:2] - x) <= CLOSE * np.sqrt(np.diag(found.covariance))[:2])
 
 
@@ -288,7 +289,7 @@ def test_a_start_far_off_is_no_reason_to_stop_early() -> None:
     task = problem(model, T, 1e-3)
     assert task.cost(task.where.start, task.residuals(task.where.start)) > 5e7
     found = solved(task)
-    assert found.cost < SMALL
+    assert found.cost < SMALL_REDUCTION
     assert values(found)["k"] == pytest.approx(1.0, abs=CLOSE * math.sqrt(found.covariance[0, 0]))
 
 
@@ -320,7 +321,7 @@ def test_slopes_of_a_model_nearby_lead_to_the_same_minimum(seed: int) -> None:
         lambda v, t: 1.01 * bumps({**v, "s": 1.02 * v["s"]}, t), tuple(of.parameters())
     )
     first, second = solved(exact), solved(near)
-    assert abs(second.cost - first.cost) < SMALL
+    assert abs(second.cost - first.cost) < SMALL_REDUCTION
     assert np.all(np.abs(second.x - first.x) <= 0.1 * np.sqrt(np.diag(first.covariance)))
 
 
@@ -345,7 +346,7 @@ def test_slopes_from_a_fit_nearby_save_predictions_and_change_nothing() -> None:
     ends = [solved(fresh), solved(carried, effort=effort, old=columns), solved(misled, effort=effort, old=wrong)]
     sigmas = np.sqrt(np.diag(ends[0].covariance))
     for end in ends[1:]:
-        assert abs(end.cost - ends[0].cost) < SMALL
+        assert abs(end.cost - ends[0].cost) < SMALL_REDUCTION
         assert np.all(np.abs(end.x - ends[0].x) <= CLOSE * sigmas)
     assert carried.evaluations <= fresh.evaluations - 5  # five columns less, at least once
 
@@ -385,7 +386,7 @@ def test_more_effort_ends_nearer_to_the_minimum(monkeypatch: pytest.MonkeyPatch)
         costs.append(found.cost)
         counts.append(len(made))
         assert len(made) <= 1 + effort.jacobians
-    assert costs[0] > 1.5 * costs[1] > 1e3 * SMALL > costs[2]
+    assert costs[0] > 1.5 * costs[1] > 1e3 * SMALL_REDUCTION > costs[2]
     assert counts[:2] == [1, ROUGH.jacobians] and counts[2] > counts[1]
 
 
@@ -402,7 +403,7 @@ def test_without_further_jacobians_the_known_one_is_followed(effort: Effort, mon
     made = looks(task, monkeypatch)
     found = solve(task, task.where.start, effort, old)
     assert found is not None and made == [["r"]]
-    assert found.cost < SMALL
+    assert found.cost < SMALL_REDUCTION
     assert found.x == pytest.approx([3.0, -2.0, 1.0], abs=0.01)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort
-from flexdesign.estimation.least_squares.local_minima import BETTER, grid_initial_states
+from flexdesign.estimation.least_squares.local_minima import OTHER_MINIMUM, grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -115,7 +115,7 @@ def test_without_a_fit_the_best_point_of_the_grid_is_taken() -> None:
     assert grid_initial_states(task.identify, there) is there  # no point is better
 
 
-@pytest.mark.parametrize(("share", "moves"), [(BETTER + 0.005, False), (BETTER - 0.005, True)])
+@pytest.mark.parametrize(("share", "moves"), [(OTHER_MINIMUM + 0.005, False), (OTHER_MINIMUM - 0.005, True)])
 def test_a_run_moves_only_where_that_is_much_better(share: float, moves: bool) -> None:
     """At the point of the grid its sum of squares is this share of what it is where the run begins now.
 

@@ -15,10 +15,10 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, so
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.model_selection.score_test import (
-    FARTHEST,
-    LARGE,
-    LEVEL,
-    OWN,
+    INDEPENDENT_SHARE,
+    LARGEST_EXTRAPOLATION,
+    LARGEST_MOVE,
+    SIMULATED_LEVEL,
     Candidate,
     Screening,
     score_of_columns,
@@ -103,7 +103,7 @@ def test_a_large_move_is_made_smaller(power: int) -> None:
     (found,) = Screening(solution(base("p"), observed, White(1.0)), [wanted]).directions
     whole = np.concatenate([run - run.mean() for run in (large({"x": 1.0}, run) for run in observed)])
     rows = len(whole) + len(NAMES)  # an offset of each run is a row of its own
-    scale = LARGE / math.sqrt(np.sum(whole**2) / rows)
+    scale = LARGEST_MOVE / math.sqrt(np.sum(whole**2) / rows)
     assert found.values["x"] == found.scale == pytest.approx(scale, rel=1e-9)
     assert np.sum(found.move**2) == pytest.approx(scale ** (2 * power) * np.sum(whole**2), rel=1e-9)
     if power == 1:  # then the promise does not hang on the trial
@@ -174,7 +174,7 @@ def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
 
 
 def test_a_strength_too_far_from_the_trial_promises_nothing() -> None:
-    for best_step, is_far in ((0.9 * FARTHEST, False), (1.1 * FARTHEST, True)):
+    for best_step, is_far in ((0.9 * LARGEST_EXTRAPOLATION, False), (1.1 * LARGEST_EXTRAPOLATION, True)):
         observed = runs(lambda run: 0.01 * best_step * column(run, "x"))  # noqa: B023
         (direction,) = Screening(solution(base("p"), observed, White(0.1)), [candidate("x", trial=0.01)]).directions
         assert direction.best_step == pytest.approx(best_step, rel=1e-3)
@@ -226,12 +226,12 @@ def test_what_base_numbers_imitate_gives_no_direction() -> None:
 
     every = [
         candidate("mixture", {"p": 1.0, "q": -2.0}),
-        candidate("nearly", {"p": 1.0, "x": 0.1 * math.sqrt(OWN)}),
+        candidate("nearly", {"p": 1.0, "x": 0.1 * math.sqrt(INDEPENDENT_SHARE)}),
         candidate("idle", {"x": 0.0}),
         of("constant", constant),
         of("bad", bad),
         of("wild", wild),
-        candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(OWN)}),
+        candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(INDEPENDENT_SHARE)}),
     ]
     screening = Screening(solution(base("p", "q"), observed, White(0.1)), every)
     assert [d.candidate.name for d in screening.directions] == ["hardly"]
@@ -276,7 +276,9 @@ def test_a_sinusoid_has_a_phase_in_each_run() -> None:
     right = data_of(observed, of)
     fall = least(before, right) - least(np.column_stack([before, *waves]), right)
     assert best.columns == 6
-    assert best.predicted_reduction == pytest.approx(fall - (chi2.isf(LEVEL, 6) - chi2.isf(LEVEL, 1)), rel=1e-3)
+    assert best.predicted_reduction == pytest.approx(
+        fall - (chi2.isf(SIMULATED_LEVEL, 6) - chi2.isf(SIMULATED_LEVEL, 1)), rel=1e-3
+    )
     # A phase is known to sigma / size * root of 2 / N, which is 0.037; four times that.
     assert {n: best.start[f"{n}:hum.phase"] for n in NAMES} == pytest.approx(phases, abs=0.15)
     assert best.start["hum.frequency"] == 5.0
@@ -296,7 +298,7 @@ def catalogue(seed: int, count: int, shared: float, signed: bool | None = None) 
     ]
 
 
-@pytest.mark.parametrize("level", [LEVEL, LEVEL / 10])
+@pytest.mark.parametrize("level", [SIMULATED_LEVEL, SIMULATED_LEVEL / 10])
 @pytest.mark.parametrize("signed", [True, False, None])
 def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: bool | None, level: float) -> None:
     """With 40 000 draws of noise, the scores by a projection of their own; the mean over 16 seeds of the threshold.
@@ -316,7 +318,7 @@ def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: 
     one_sided = np.array([not d.candidate.signed for d in screening.directions])
     largest = (np.where(one_sided, np.maximum(scores, 0), scores) ** 2).max(axis=1)
     share = np.mean([np.mean(largest > screening.critical_value(level, seed=seed)) for seed in range(16)])
-    of_threshold, of_draws = level / LEVEL * math.sqrt(LEVEL / 64_000), math.sqrt(level / 40_000)
+    of_threshold, of_draws = level / SIMULATED_LEVEL * math.sqrt(SIMULATED_LEVEL / 64_000), math.sqrt(level / 40_000)
     assert share == pytest.approx(level, abs=4 * math.hypot(of_threshold, of_draws))
 
 
@@ -331,15 +333,15 @@ def test_chance_holds_for_whole_screenings() -> None:
         observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
         screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6, 2.0))
         most = max((d.predicted_reduction for d in screening.directions), default=0.0)
-        larger += most > screening.critical_value(LEVEL)
-        alone += most > chi2.isf(LEVEL, 1)
-    assert binom.ppf(1e-3, 500, LEVEL) <= larger <= binom.ppf(1 - 1e-3, 500, LEVEL)
-    assert alone > binom.ppf(1 - 1e-3, 500, LEVEL)
+        larger += most > screening.critical_value(SIMULATED_LEVEL)
+        alone += most > chi2.isf(SIMULATED_LEVEL, 1)
+    assert binom.ppf(1e-3, 500, SIMULATED_LEVEL) <= larger <= binom.ppf(1 - 1e-3, 500, SIMULATED_LEVEL)
+    assert alone > binom.ppf(1 - 1e-3, 500, SIMULATED_LEVEL)
 
 
 def test_without_effects_chance_is_that_of_one() -> None:
     screening = Screening(solution(base("p"), runs(lambda run: column(run, "p")), White(1.0)), [])
-    assert screening.critical_value(LEVEL) == pytest.approx(chi2.isf(0.01, 1))
+    assert screening.critical_value(SIMULATED_LEVEL) == pytest.approx(chi2.isf(0.01, 1))
     assert screening.best() == []
     assert screening.pairs() == []
 
@@ -353,9 +355,9 @@ def test_chance_of_drawn_errors_is_that_of_gaussian_ones_where_they_are_gaussian
     rng, of, found = np.random.default_rng(5), White(1.0), catalogue(0, 12, 5.0)
     screening = Screening(solution(base("p"), runs(lambda run: np.zeros(N)), of), found)
     null_errors = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
-    uncertain = 4 * 2 * math.sqrt(LEVEL * (1 / 2000 + 1 / 4000)) / LEVEL
-    assert screening.critical_value(LEVEL, null_errors) / 4 == pytest.approx(
-        screening.critical_value(LEVEL), abs=uncertain
+    uncertain = 4 * 2 * math.sqrt(SIMULATED_LEVEL * (1 / 2000 + 1 / 4000)) / SIMULATED_LEVEL
+    assert screening.critical_value(SIMULATED_LEVEL, null_errors) / 4 == pytest.approx(
+        screening.critical_value(SIMULATED_LEVEL), abs=uncertain
     )
 
 

@@ -21,9 +21,9 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel, diff
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
-    FINALISTS,
+    FINAL_FITS,
     GROSS_MISFIT,
-    ROUGHLY,
+    ROUGH_FITS,
     backward,
     forward,
     select,
@@ -214,8 +214,8 @@ def test_a_candidate_whose_score_understates_it_is_found() -> None:
     # Known to the noise over the root of the sum of squares of its derivative, which is 0.0007; four times that.
     assert values["middle"] == pytest.approx(BELL["middle"], abs=0.003)
     assert {*told(said, "trying")} >= {candidate.name for candidate in every}
-    assert len(told(said, "fitting roughly with")) == ROUGHLY
-    assert len(step.trials) == FINALISTS
+    assert len(told(said, "fitting roughly with")) == ROUGH_FITS
+    assert len(step.trials) == FINAL_FITS
     # In the order of the catalogue, or another, the same is found.
     for others in (every[::-1], [*every[6:], *every[:6]]):
         again = forward(about, before, others)
@@ -239,7 +239,7 @@ def test_what_promises_too_little_is_not_fitted() -> None:
     about = dataclasses.replace(task({"d": 0.3}), progress=said.append)
     before = calibrated_stand(about)
     screening = Screening(before.solution, effects())
-    enough = stepwise_selection.WORTH * max(screening.critical_value(LEVEL), SHARE * before.excess)
+    enough = stepwise_selection.PROMISING_SHARE * max(screening.critical_value(LEVEL), SHARE * before.excess)
     promising = [
         directions[0].candidate.name for directions in screening.best() if directions[0].predicted_reduction > enough
     ]

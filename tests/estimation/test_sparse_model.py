@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Observation
-from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL
+from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
-from flexdesign.estimation.model_selection.sparse_residual_model import MOST, cost_of_terms, sparse_model
+from flexdesign.estimation.model_selection.sparse_residual_model import MOST_TERMS, cost_of_terms, sparse_model
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import NAMES, Sum, columns, least, offset
 from tests.estimation.toys import Array, Run, parameter
@@ -99,7 +99,9 @@ def test_gains_are_falls_of_the_cost() -> None:
     added = np.vstack([np.column_stack([f[name] for name in made.terms]) / SIGMA for f in made_of])
     after = np.column_stack([before, added])
     fall = least(before, right) - least(after, right)
-    assert abs(math.sqrt(made.gain) - math.sqrt(fall)) < math.sqrt(SMALL)  # which is what the fit left to be gained
+    assert abs(math.sqrt(made.gain) - math.sqrt(fall)) < math.sqrt(
+        SMALL_REDUCTION
+    )  # which is what the fit left to be gained
     best, sigmas = np.linalg.lstsq(after, right)[0], np.sqrt(np.diag(np.linalg.inv(after.T @ after)))
     count = len(made.terms)
     assert np.all(np.abs(list(made.terms.values()) - best[-count:]) < sigmas[-count:])
@@ -128,7 +130,7 @@ def test_the_cost_of_terms_is_that_of_a_linear_fit_with_them() -> None:
     for terms in (["position^2"], ["position^2", "position^3"], ["nothing"]):
         added = np.vstack([np.column_stack([f[name] for name in terms]) / SIGMA for f in made_of])
         expected = least(np.column_stack([before, added]), right)
-        assert cost_of_terms(task, found, features, terms) == pytest.approx(expected, rel=1e-3, abs=SMALL)
+        assert cost_of_terms(task, found, features, terms) == pytest.approx(expected, rel=1e-3, abs=SMALL_REDUCTION)
 
 
 def test_nothing_is_found_in_noise() -> None:
@@ -158,7 +160,7 @@ def test_terms_are_few() -> None:
         return {f"column {i}": observation.measured() + rng.standard_normal(N) for i in range(30)}
 
     task, found = fit(x2=1.0)
-    assert len(sparse_model(task, found, many).terms) == MOST
+    assert len(sparse_model(task, found, many).terms) == MOST_TERMS
 
 
 def test_without_runs_kept_apart_nothing_is_gained_on_them() -> None:

@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.diagnosis.experiment_design.signature import WORDS, names_kind
+from flexdesign.diagnosis.experiment_design.signature import KIND_WORDS, names_kind
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
 #: A command stands still where it moves by less than this share of its span; a step moves by more than that share.
-STILL, STEP = 1e-3, 0.02
+STILL_CHANGE, STEP_CHANGE = 1e-3, 0.02
 #: Number of quiet samples; time [s] held after a step: a decade of creep.
-QUIET, HOLD = 100, 10.0
+QUIET_SAMPLES, STEP_HOLD = 100, 10.0
 #: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
-OCTAVES, LINE = 2.0, 5e-3
+BROAD_OCTAVES, LINE_LEVEL = 2.0, 5e-3
 #: Least number of samples of a rise or a fall.
-STROKE = 10
+STROKE_SAMPLES = 10
 #: Levels at which a staircase rests; rises and falls of a slow command.
-LEVELS, TURNS = 4, 3
+STAIRCASE_LEVELS, LOOP_TURNS = 4, 3
 #: A temperature that changes by so much [K] shows what heat does.
-WARMER = 0.5
+TEMPERATURE_CHANGE = 0.5
 #: What the catalogue calls each kind, in words of the result.
 KIND_TEXTS = {
     "quiet": "a quiet stretch",
@@ -36,9 +36,9 @@ KIND_TEXTS = {
     "multisine": "a broad band of frequencies",
     "triangle": "a slow command that turns",
     "staircase": "several levels, with motion about them",
-    "hold": f"a step held for {HOLD:.0f} s or more",
+    "hold": f"a step held for {STEP_HOLD:.0f} s or more",
     "push": "a force on the stage",
-    "temperature": f"a change of temperature of {WARMER:g} K",
+    "temperature": f"a change of temperature of {TEMPERATURE_CHANGE:g} K",
     "other axis": "another axis driven",
 }
 
@@ -68,7 +68,7 @@ def coverage(kinds: Sequence[str]) -> tuple[Coverage, ...]:
     for name in effects.names():
         effect = effects.find(name)
         if effect.acts_in_time:
-            there = tuple(kind for kind in WORDS if kind in kinds and _reveals(kind, effect.reveal))
+            there = tuple(kind for kind in KIND_WORDS if kind in kinds and _reveals(kind, effect.reveal))
             found.append(Coverage(name, there, "" if there else effect.reveal))
     return tuple(found)
 
@@ -93,11 +93,11 @@ def kinds_of(recording: Run | FrequencyResponse) -> tuple[str, ...]:
         found.add("other axis")
     for values in commands.values():
         found |= _of_command(values, recording.period)
-    if _span(recording, "T") > WARMER:
+    if _span(recording, "T") > TEMPERATURE_CHANGE:
         found.add("temperature")
     if any(_span(recording, name) > 0 for name in ("f", "fx", "fy", "fz")):
         found.add("push")
-    return tuple(kind for kind in WORDS if kind in found)
+    return tuple(kind for kind in KIND_WORDS if kind in found)
 
 
 def _span(run: Run, column: str) -> float:
@@ -109,23 +109,23 @@ def _span(run: Run, column: str) -> float:
 def _of_command(values: Array, period: float) -> set[str]:
     span = float(np.ptp(values))
     if span == 0:
-        return {"quiet"} if len(values) >= QUIET else set()
+        return {"quiet"} if len(values) >= QUIET_SAMPLES else set()
     found = set()
     rests = resting(values)
     lengths = [last - first for first, last in rests]
-    jumps = np.abs(np.diff(values)) > STEP * span
-    if max(lengths, default=0) >= QUIET:
+    jumps = np.abs(np.diff(values)) > STEP_CHANGE * span
+    if max(lengths, default=0) >= QUIET_SAMPLES:
         found.add("quiet")
     if lengths and 0 < np.count_nonzero(jumps) <= len(values) / 20:
         found.add("steps")
-        if max(lengths) * period >= HOLD:
+        if max(lengths) * period >= STEP_HOLD:
             found.add("hold")
-    if _octaves(values) >= OCTAVES and not lengths_cover(lengths, len(values)):
+    if _octaves(values) >= BROAD_OCTAVES and not lengths_cover(lengths, len(values)):
         found.add("multisine")
     levels = {round(float(np.mean(values[first:last])) / span, 2) for first, last in rests}
-    if len(levels) >= LEVELS:
+    if len(levels) >= STAIRCASE_LEVELS:
         found.add("staircase")
-    if "multisine" not in found and _strokes(values) >= TURNS:
+    if "multisine" not in found and _strokes(values) >= LOOP_TURNS:
         found.add("triangle")
     return found
 
@@ -134,8 +134,8 @@ def _strokes(values: Array) -> int:
     """Return how often a command rises or falls for a while, without a jump."""
     rising = np.sign(np.diff(values))
     ends = np.flatnonzero(np.diff(rising, prepend=2, append=2) != 0)
-    steps = [(int(a), int(b)) for a, b in pairwise(ends) if rising[a] != 0 and b - a >= STROKE]
-    return sum(abs(values[b] - values[a]) > STEP * np.ptp(values) for a, b in steps)
+    steps = [(int(a), int(b)) for a, b in pairwise(ends) if rising[a] != 0 and b - a >= STROKE_SAMPLES]
+    return sum(abs(values[b] - values[a]) > STEP_CHANGE * np.ptp(values) for a, b in steps)
 
 
 def lengths_cover(lengths: Sequence[int], count: int) -> bool:
@@ -145,7 +145,7 @@ def lengths_cover(lengths: Sequence[int], count: int) -> bool:
 
 def resting(values: Array) -> list[tuple[int, int]]:
     """Return first and one past the last sample of each stretch of ten samples or more in which a command rests."""
-    still = np.abs(np.diff(values)) <= STILL * float(np.ptp(values))
+    still = np.abs(np.diff(values)) <= STILL_CHANGE * float(np.ptp(values))
     ends = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     return [(int(a), int(b) + 1) for a, b in ends.reshape(-1, 2) if b - a >= 10]
 
@@ -155,7 +155,7 @@ def _octaves(values: Array) -> float:
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     edges = np.unique(np.geomspace(1, len(power), 2 * int(np.log2(max(len(power), 2))) + 1).astype(int))
     bands = np.add.reduceat(power, edges[edges < len(power)]) if len(power) > 1 else power
-    return 0.5 * float(np.count_nonzero(bands > LINE * bands.sum()) - 1)
+    return 0.5 * float(np.count_nonzero(bands > LINE_LEVEL * bands.sum()) - 1)
 
 
 def levels_of(runs: Sequence[Run]) -> Mapping[str, tuple[float, float]]:
@@ -169,6 +169,6 @@ def levels_of(runs: Sequence[Run]) -> Mapping[str, tuple[float, float]]:
             values = run.columns[name]
             if (span := float(np.ptp(values))) > 0:
                 levels = [float(np.mean(values[first:last])) for first, last in resting(values)]
-                jumps = [size for a, b in pairwise(levels) if (size := abs(b - a)) > STEP * span]
-                sizes.setdefault(name, []).extend([span, *(jumps if len(levels) >= LEVELS else [])])
+                jumps = [size for a, b in pairwise(levels) if (size := abs(b - a)) > STEP_CHANGE * span]
+                sizes.setdefault(name, []).extend([span, *(jumps if len(levels) >= STAIRCASE_LEVELS else [])])
     return {name: (min(each), max(each)) for name, each in sizes.items()}

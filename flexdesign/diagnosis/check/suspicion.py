@@ -15,18 +15,18 @@ from flexdesign.measurements.recordings.run import commanded_by
 
 Array = NDArray[np.float64]
 #: Commands that differ by less than this share of their span are equal.
-EQUAL = 1e-3
+EQUAL_COMMANDS = 1e-3
 #: A command is clipped if it stands at an end of its range in this number of separate stretches, and this share of the
 #: record.
-STRETCHES, CLIPPED = 3, 0.02
+CLIPPED_STRETCHES, CLIPPED_SHARE = 3, 0.02
 #: Noise is filtered if its density in the upper part of the band is below this share of that in the middle.
-FILTERED = 0.1
+FILTERED_NOISE = 0.1
 #: A coherence below this: the response does not follow its command.
-FOLLOWS = 0.2
+LEAST_COHERENCE = 0.2
 #: A command that is held changes so often, and is held for no more samples: else it is one of levels.
-MANY, LONGEST = 50, 20
+HELD_CHANGES, LONGEST_HOLD = 50, 20
 #: Lines with a coherence below this say little.
-COHERENT = 0.8
+COHERENT_LINE = 0.8
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def _same(one: Run, other: Run) -> bool:
     if not any(spans):
         return False
     return all(
-        float(np.abs(one.columns[name][:count] - other.columns[name][:count]).max()) <= EQUAL * span
+        float(np.abs(one.columns[name][:count] - other.columns[name][:count]).max()) <= EQUAL_COMMANDS * span
         for name, span in zip(one.commands, spans, strict=True)
     )
 
@@ -137,11 +137,15 @@ def held_for(values: Array) -> int:
     4
     """
     places = np.flatnonzero(np.diff(values) != 0) + 1
-    if len(places) < MANY:
+    if len(places) < HELD_CHANGES:
         return 1
     steps = np.diff(places)
     every = int(np.gcd.reduce(steps))
-    return every if 1 < every <= LONGEST and len(places) >= MANY and len(places) * every > 0.5 * len(values) else 1
+    return (
+        every
+        if 1 < every <= LONGEST_HOLD and len(places) >= HELD_CHANGES and len(places) * every > 0.5 * len(values)
+        else 1
+    )
 
 
 def _is_clipped(values: Array, end: float) -> bool:
@@ -153,7 +157,7 @@ def _is_clipped(values: Array, end: float) -> bool:
     rests = np.diff(values) == 0
     between = (values > values.min() + near) & (values < values.max() - near)
     elsewhere = np.count_nonzero(rests & between[1:])
-    return len(long) >= STRETCHES and sum(long) > CLIPPED * len(values) and elsewhere < 0.2 * sum(long)
+    return len(long) >= CLIPPED_STRETCHES and sum(long) > CLIPPED_SHARE * len(values) and elsewhere < 0.2 * sum(long)
 
 
 def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
@@ -164,7 +168,7 @@ def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
         found.append(Suspicion("", f"{response} is in volts", remedy))
     if column is None or np.ptp(run.columns[column]) == 0:
         return found
-    if (agrees := coherence(run.columns[column], values)) is not None and agrees < FOLLOWS:
+    if (agrees := coherence(run.columns[column], values)) is not None and agrees < LEAST_COHERENCE:
         what = f"{response} hardly follows {column}: their coherence is {agrees:.2f}"
         found.append(Suspicion(name, what, "check that both were recorded together, and the names of the columns"))
         return found
@@ -205,7 +209,7 @@ def of_noise(response: str, noise: NoiseFloor) -> list[Suspicion]:
         remedy = 'record a quiet stretch or one command twice, or write noise = "3 nm" in measurements.toml'
         return [*found, Suspicion("", f"the noise of {response} is unknown: nothing shows it alone", remedy)]
     for name in noise.rms:
-        if (density := _upper_density(noise, name)) < FILTERED:
+        if (density := _upper_density(noise, name)) < FILTERED_NOISE:
             what = f"the noise of {response} is filtered: near the Nyquist frequency its density falls to {density:.2g}"
             remedy = "switch filters and averaging off, or give the sensor its bandwidth in the model: filters delay"
             return [*found, Suspicion(name, what, remedy)]
@@ -231,8 +235,8 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
     if response.coherence is None:
         remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))
-    elif (share := float(np.mean(response.coherence < COHERENT))) > 0.1:
-        what = f"{share:.0%} of its lines have a coherence below {COHERENT:g}"
+    elif (share := float(np.mean(response.coherence < COHERENT_LINE))) > 0.1:
+        what = f"{share:.0%} of its lines have a coherence below {COHERENT_LINE:g}"
         found.append(Suspicion(response.name, what, "average longer, or drive harder"))
     elif response.averages is None:
         remedy = "write averages = ... for it in measurements.toml: with the coherence it determines the noise"

@@ -18,12 +18,12 @@ from flexdesign.measurements.recordings.run import commanded_by
 
 Array = NDArray[np.float64]
 #: Past samples in the sum: one mode has two, and what is found must hold with more; most rows that are looked at.
-ORDERS, ROWS = (4, 8, 16), 20_000
+MODEL_ORDERS, MOST_ROWS = (4, 8, 16), 20_000
 #: A weight counts if it is this number of standard errors from zero.
-CLEAR = 6.0
+CLEAR_DEVIATIONS = 6.0
 #: A weight below this share of the largest is none; one of a sample still to come is above that share; and the error of
 #: one that is none is below that.
-NONE, AHEAD, KNOWN = 0.02, 0.1, 0.1
+ZERO_WEIGHT, NONCAUSAL_WEIGHT, WEIGHT_ERROR = 0.02, 0.1, 0.1
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Timing:
 
 def timing_of(run: Run, response: str) -> Timing | None:
     """Return how a response follows its command; None if that is unknown, as in a closed loop."""
-    found = {_timing(run, response, order) for order in ORDERS}
+    found = {_timing(run, response, order) for order in MODEL_ORDERS}
     return found.pop() if len(found) == 1 else None
 
 
@@ -53,14 +53,14 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
     moving = [name for name in run.commands if np.ptp(run.columns[name]) > 0]
     if column is None or run.closed_loop or moving != [column]:
         return None
-    y = run.columns[response][:ROWS]
+    y = run.columns[response][:MOST_ROWS]
     there = np.isfinite(y)
-    if there.sum() < 50 * order or np.ptp(run.columns[column][:ROWS]) == 0 or np.ptp(y[there]) == 0:
+    if there.sum() < 50 * order or np.ptp(run.columns[column][:MOST_ROWS]) == 0 or np.ptp(y[there]) == 0:
         return None
     y = (y - np.nanmean(y)) / np.ptp(y[there])
     rows = np.arange(order, len(y) - 1)
     past = np.stack([y[rows - k] for k in range(1, order + 1)], axis=1)
-    u = run.columns[column][:ROWS]
+    u = run.columns[column][:MOST_ROWS]
     u = (u - u.mean()) / np.ptp(u)
     sent = np.stack([u[rows - k] for k in range(-1, order + 1)], axis=1)
     matrix = np.column_stack([past, sent, np.ones(len(rows))])
@@ -70,13 +70,13 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
         return None
     weights, errors = _least_squares(matrix, target)
     sent_weights, sent_errors = weights[order : 2 * order + 2], errors[order : 2 * order + 2]
-    clear = np.abs(sent_weights) > CLEAR * sent_errors
-    large = clear & (np.abs(sent_weights) > NONE * np.abs(sent_weights).max())
+    clear = np.abs(sent_weights) > CLEAR_DEVIATIONS * sent_errors
+    large = clear & (np.abs(sent_weights) > ZERO_WEIGHT * np.abs(sent_weights).max())
     largest = float(np.abs(sent_weights).max())
-    if clear[0] and abs(sent_weights[0]) > AHEAD * largest:
+    if clear[0] and abs(sent_weights[0]) > NONCAUSAL_WEIGHT * largest:
         return Timing(True, None)
     if not large[1] and large[2]:
-        return Timing(False, True if CLEAR * sent_errors[1] < KNOWN * largest else None)
+        return Timing(False, True if CLEAR_DEVIATIONS * sent_errors[1] < WEIGHT_ERROR * largest else None)
     return Timing(False, False if large[1] else None)
 
 

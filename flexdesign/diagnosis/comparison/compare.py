@@ -26,7 +26,7 @@ from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
 Array = NDArray[np.float64]
 #: Error of the simulations, relative to the span.
-TOLERANCE = 1e-6
+SIMULATION_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ def compare(
     seen = [of_axis(run, name, its) for run in runs_]
     measured = [axis_response.of_axis(each, name, its) for each in runs if isinstance(each, FrequencyResponse)]
     max_command = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
-    dynamics = AxisDynamics(name, its, max_command, tolerance=TOLERANCE, delay=model.controller.delay)
+    dynamics = AxisDynamics(name, its, max_command, tolerance=SIMULATION_ERROR, delay=model.controller.delay)
     progress("reading the noise")
     lines = {each.name: line_noise(each) for each in measured}
     responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)

@@ -18,15 +18,16 @@ Flags = NDArray[np.bool_]
 #: Regions of position and of voltage.
 REGIONS = 5
 #: Speeds, as shares of the largest: below the first the stage rests, above the second it is fast.
-RESTS, FAST = 0.01, 0.25
+SPEED_AT_REST, FAST_SPEED = 0.01, 0.25
 #: The largest speed is this quantile of all: single samples do not count.
-LARGEST = 0.98
-#: A command that jumps by this share of its span between two samples, and then stays for STAYS samples, makes a step.
-JUMP, STAYS, STANDS = 0.05, 20, 5e-3
+SPEED_QUANTILE = 0.98
+#: A command makes a step if it jumps by this share of its span between two samples, and then stays for this number of
+#: samples within this share.
+STEP_JUMP, STEP_SAMPLES, STEP_STILL = 0.05, 20, 5e-3
 #: Parts next to each other that hold this share together are where the error mostly is.
-MOSTLY = 0.6
+DOMINANT_SHARE = 0.6
 #: A part with less of the error than this is not worth a word.
-TRACE = 0.02
+NEGLIGIBLE_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Breakdown:
     @property
     def concentrated(self) -> tuple[Part, ...]:
         """The parts that hold more of the error than of the samples, but for traces of it."""
-        return tuple(p for p in self.parts if p.share > max(p.weight, TRACE))
+        return tuple(p for p in self.parts if p.share > max(p.weight, NEGLIGIBLE_SHARE))
 
     @property
     def contrast(self) -> float:
@@ -91,7 +92,7 @@ class Breakdown:
         """Return the fewest neighbours that hold most of the error; none where there is no error."""
         ends = [(a, b) for a in range(len(self.parts)) for b in range(a + 1, len(self.parts) + 1)]
         held = {(a, b): sum(p.share for p in self.parts[a:b]) for a, b in ends}
-        enough = [ab for ab in ends if held[ab] >= MOSTLY]
+        enough = [ab for ab in ends if held[ab] >= DOMINANT_SHARE]
         if not enough:
             return ()
         first, last = min(enough, key=lambda ab: (ab[1] - ab[0], -held[ab]))
@@ -175,13 +176,13 @@ def holds(command: Array) -> list[tuple[int, int, float]]:
     """
     found = []
     change, span = np.diff(command), float(np.ptp(command))
-    for jump in (np.flatnonzero(np.abs(change) > JUMP * span) + 1).tolist():
+    for jump in (np.flatnonzero(np.abs(change) > STEP_JUMP * span) + 1).tolist():
         # Of a lively command most jumps are followed by another soon, and nothing beyond that is looked at.
-        if np.abs(command[jump : jump + STAYS] - command[jump]).max() > STANDS * span:
+        if np.abs(command[jump : jump + STEP_SAMPLES] - command[jump]).max() > STEP_STILL * span:
             continue
-        changed = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STANDS * span)
+        changed = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STEP_STILL * span)
         last = jump + int(changed[0]) if changed.size else len(command)
-        if last - jump >= STAYS:
+        if last - jump >= STEP_SAMPLES:
             found.append((jump, last, float(change[jump - 1])))
     return found
 
@@ -263,8 +264,8 @@ def _in_regions(samples: Sequence[_Samples], values: Sequence[Array]) -> tuple[P
 
 def _by_velocity(samples: Sequence[_Samples], si: str) -> Breakdown:
     speeds = np.concatenate([np.abs(s.velocity) for s in samples])
-    largest = float(np.quantile(speeds, LARGEST)) or float(speeds.max()) or 1.0
-    slow, fast, most = RESTS * largest, FAST * largest, float(speeds.max())
+    largest = float(np.quantile(speeds, SPEED_QUANTILE)) or float(speeds.max()) or 1.0
+    slow, fast, most = SPEED_AT_REST * largest, FAST_SPEED * largest, float(speeds.max())
     bins = []
     for label, low, high in (
         ("down fast", -most, -fast),

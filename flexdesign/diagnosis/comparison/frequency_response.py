@@ -21,7 +21,7 @@ from flexdesign.measurements.recordings.run import Role
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 #: Bands of even ratios, no more than these and none with fewer lines than that on average.
-BANDS, FEWEST = 8, 5
+MOST_BANDS, FEWEST_LINES = 8, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +160,7 @@ def by_band(responses: Sequence[ResponseComparison]) -> Breakdown:
     low = min(float(each.frequencies[0]) for each in responses)
     high = max(float(each.frequencies[-1]) for each in responses)
     lines = max(len(each.frequencies) for each in responses)
-    edges = np.geomspace(low, high, min(max(lines // FEWEST, 1), BANDS) + 1).tolist()
+    edges = np.geomspace(low, high, min(max(lines // FEWEST_LINES, 1), MOST_BANDS) + 1).tolist()
     excess, counts, squares = [], [], []
     for first, last in pairwise(edges):
         total, count, square = 0.0, 0, 0.0

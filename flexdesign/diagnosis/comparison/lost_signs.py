@@ -17,7 +17,7 @@ from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS
 
 Array = NDArray[np.float64]
 #: A sign counts as lost where the model's error in the rows that it concerns falls below this share.
-FALLS = 0.5
+LOST_SIGN_SHARE = 0.5
 
 
 def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:
@@ -41,7 +41,7 @@ def _best(model: StaticModel, table: StaticTable) -> tuple[StaticTable, str] | N
         if concerned.any():
             was = _error(before[concerned], table.measured()[concerned])
             left = _error(model.predict(turned)[concerned], turned.measured()[concerned])
-            if left < FALLS * was:
+            if left < LOST_SIGN_SHARE * was:
                 trials.append((left / was, turned, f"{remarks}: it was taken so"))
     if not trials:
         return None

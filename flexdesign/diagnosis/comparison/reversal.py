@@ -12,7 +12,7 @@ from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 #: Below this correlation the reversed prediction would explain more than half of the motion.
-REVERSED = -math.sqrt(0.5)
+REVERSED_CORRELATION = -math.sqrt(0.5)
 
 
 def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
@@ -44,7 +44,7 @@ def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
 
 def question(found: float) -> str:
     """Return what to ask of a stage that moves against its prediction; empty where a correlation shows none."""
-    if not found < REVERSED:
+    if not found < REVERSED_CORRELATION:
         return ""
     return (
         f"the stage moves against the prediction (correlation {found:.2f}): is the sign of the gain, of the "

@@ -15,9 +15,9 @@ from flexdesign.diagnosis.comparison import lost_signs
 
 Array = NDArray[np.float64]
 #: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
-WRONG_UNIT = 0.35
+UNIT_DECADES = 0.35
 #: Decades beyond which no unit is sought: no measurement of the same quantity is a million times off.
-ABSURD = 6.0
+LARGEST_DECADES = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +93,8 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
         if row.load is None and math.isfinite(expected):
             decades = math.log10(abs(row.value)) - math.log10(abs(expected))
             power = decades / 3
-            if round(power) != 0 and (abs(power - round(power)) < WRONG_UNIT / 3 or abs(decades) > ABSURD):
-                times = f"1e{decades:.0f}" if abs(decades) > ABSURD else f"{1000.0 ** round(power):g}"
+            if round(power) != 0 and (abs(power - round(power)) < UNIT_DECADES / 3 or abs(decades) > LARGEST_DECADES):
+                times = f"1e{decades:.0f}" if abs(decades) > LARGEST_DECADES else f"{1000.0 ** round(power):g}"
                 remedy = f"is {times} times what the model expects: correct the unit ({row.unit})"
                 raise InputError(table.name, row.key, f"{row.value:.4g} (SI)", remedy)
         opposite = row.quantity == "lambda" and np.sign(row.value) * np.sign(expected) < 0

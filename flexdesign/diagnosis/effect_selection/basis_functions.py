@@ -20,12 +20,12 @@ from flexdesign.measurements.recordings.frequency_response import parts, whole
 
 Array = NDArray[np.float64]
 #: Velocities are counted in this share of stroke times natural frequency; dry friction turns at a tenth of it.
-SLOW = 0.1
+VELOCITY_SCALE = 0.1
 #: Where thresholds are tried, in shares of the stroke.
 THRESHOLDS = (0.15, 0.3, 0.5, 0.7, 0.85)
 #: Numbers of bumps over the band of frequency responses, and lines for each at least; how broad each is, as a standard
 #: deviation in distances to the next.
-BUMPS, FEWEST_LINES, BROAD = (6, 12, 24, 48), 4, 0.6
+BUMP_COUNTS, FEWEST_LINES, BUMP_WIDTH = (6, 12, 24, 48), 4, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class BasisFunctions:
         assert self.band is not None
         low, high, lines = self.band
         made = dict[str, Array]()
-        for count in (many for many in BUMPS if many <= max(lines // FEWEST_LINES, BUMPS[0])):
+        for count in (many for many in BUMP_COUNTS if many <= max(lines // FEWEST_LINES, BUMP_COUNTS[0])):
             centres = np.geomspace(low, high, count)
             for centre in centres.tolist():
                 about = f"near {centre:.3g} Hz, 1/{count} of the band"
@@ -80,7 +80,7 @@ class BasisFunctions:
                     made |= {f"magnitude {about}": predicted, f"phase {about}": predicted}
                     continue
                 width = math.log(high / low) / (count - 1)
-                bump = np.exp(-0.5 * (np.log(response.frequencies / centre) / (BROAD * width)) ** 2)
+                bump = np.exp(-0.5 * (np.log(response.frequencies / centre) / (BUMP_WIDTH * width)) ** 2)
                 made[f"magnitude {about}"] = parts(bump * whole(predicted))
                 made[f"phase {about}"] = parts(1j * bump * whole(predicted))
         return made
@@ -94,7 +94,7 @@ class BasisFunctions:
 
     def _functions(self, run: Run, predicted: Array) -> dict[str, Array]:
         x = predicted / self.model.stroke
-        fast = 2 * math.pi * self.model.axis.natural_frequency * SLOW
+        fast = 2 * math.pi * self.model.axis.natural_frequency * VELOCITY_SCALE
         v = np.gradient(x, run.period) / fast
         u = self.model.command(run) / self.model.max_command
         powers = {f"position^{k}": x**k for k in (2, 3, 4)}

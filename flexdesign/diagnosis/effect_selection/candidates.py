@@ -25,16 +25,16 @@ Array = NDArray[np.float64]
 #: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
 NAMED_BY_CALIBRATION = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass distinguishes from the others.
-LOADED = "payload_mass"
+SHOWN_BY_MASS = "payload_mass"
 #: A delay of the sensor.
-READS_LATE = "sensor_delay"
+LATE_SENSOR = "sensor_delay"
 #: Forces of inertia: they show where a mode does, and in runs that show none they represent something else.
-INERTIAL = ("base_motion",)
+INERTIAL_EFFECTS = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
-NOISE = ("quantisation",)
+NOISE_EFFECTS = ("quantisation",)
 #: In the band of frequency responses modes and lags are tried at this number of frequencies, delays at these fractions
 #: of a cycle of its highest frequency.
-IN_BAND, CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+FREQUENCIES_IN_BAND, DELAYS_IN_CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 #: Not more trials than these for one effect.
 MOST_TRIALS = 48
 
@@ -110,15 +110,15 @@ def candidates(
     """
     made = []
     left_out = (
-        *(name for name in NAMED_BY_CALIBRATION if not (loaded and name == LOADED)),
-        *NOISE,
-        *(() if swings else INERTIAL),
+        *(name for name in NAMED_BY_CALIBRATION if not (loaded and name == SHOWN_BY_MASS)),
+        *NOISE_EFFECTS,
+        *(() if swings else INERTIAL_EFFECTS),
     )
     several = [each for name in effects.names() for each in effects.again(name)]
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effects.find(name))):
             continue
-        if name == READS_LATE and not at_stack:  # elsewhere no recording distinguishes it from a delay of the command
+        if name == LATE_SENSOR and not at_stack:  # elsewhere no recording distinguishes it from a delay of the command
             continue
         if band is not None and not spectrum.shows(effects.find(name)):
             continue
@@ -198,8 +198,12 @@ def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[fl
     [5e-05, 0.000125, 0.00025, 0.0005, 0.00125, 0.0025]
     """
     if parameter.si == "Hz":
-        return tuple(np.geomspace(*band, IN_BAND).tolist())
-    return tuple(cycles / band[1] for cycles in CYCLES) if parameter.name in (DELAY, SENSOR_DELAY) else parameter.screen
+        return tuple(np.geomspace(*band, FREQUENCIES_IN_BAND).tolist())
+    return (
+        tuple(cycles / band[1] for cycles in DELAYS_IN_CYCLES)
+        if parameter.name in (DELAY, SENSOR_DELAY)
+        else parameter.screen
+    )
 
 
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:

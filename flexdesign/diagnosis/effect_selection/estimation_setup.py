@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from flexdesign.core.model import Model
-from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR
+from flexdesign.diagnosis.identify import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
     InitialConditions,
@@ -26,7 +26,7 @@ from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
-from flexdesign.estimation.model_selection.calibration import STARTED
+from flexdesign.estimation.model_selection.calibration import CALIBRATION_EFFORT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
 from flexdesign.estimation.noise.whitening import Whitening
@@ -34,21 +34,21 @@ from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
-EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
+PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
 #: longer than this [s]. The fastest relaxations of the catalogue are at 1 kHz: with steps of more than 2.785 of their
 #: time constants, 0.443 ms, a Runge-Kutta method of order 4 is unstable.
-STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 4.4e-4
+MOST_STEPS, MOST_STEPS_OF_JACOBIAN, STEPS_OF_SCREENING, LONGEST_STEP = 16, 6, 4, 4.4e-4
 #: The same for the final values: many samples determine them far better than their noise.
-EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
+FINAL_PREDICTION_ERROR, MOST_FINAL_STEPS = 0.002, 64
 #: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is
 #: all there is: it would be late by many samples for the lag that the model lacks. Several that are all late share a
 #: delay.
 PRIOR_BOUND = 4.0
 #: A plausible change of a number of which nothing is known, relative.
-CHANGE = 0.3
+PLAUSIBLE_CHANGE = 0.3
 #: What is said where nobody stated what a command does between its samples, by what fits better than straight lines.
-FITS_BETTER = {
+INTERPOLATION_TEXTS = {
     "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
     "hold": (
         "nobody says what the command does between its samples: that it is held fits better than straight lines, which "
@@ -80,7 +80,7 @@ def choose_interpolation(
     other, found = replace(data, runs=tuple(map(_otherwise, data.runs))), list[FittedModel]()
     for tried in (data, other):
         dynamics, task = case_of(model, tried, each, lambda _: None)
-        if (fit := fit_model(task, dynamics, effort=STARTED)) is None:
+        if (fit := fit_model(task, dynamics, effort=CALIBRATION_EFFORT)) is None:
             return data
         found.append(fit)
     critical = INDISTINGUISHABLE * max(found[0].scale, 1.0)
@@ -92,7 +92,7 @@ def _otherwise(run: Run) -> Run:
     if run.between_is_stated:
         return run
     shape: Literal["hold", "smooth"] = "hold" if run.command_is == "dac" else "smooth"
-    return replace(run, between_samples=shape, remarks=(*run.remarks, FITS_BETTER[shape]))
+    return replace(run, between_samples=shape, remarks=(*run.remarks, INTERPOLATION_TEXTS[shape]))
 
 
 def _from_rest(axis: AxisModel) -> AxisModel:
@@ -109,9 +109,13 @@ def case_of(
     max_command = data.max_command
     stroke = abs(data.axis.gain * data.axis.driver.gain) * max_command
     least = math.ceil(max(data.periods) / LONGEST_STEP)
-    screening, jacobian_model, fine = max(STEPS_SCREENING, least), max(STEPS_SLOPES, least), max(STEPS, 2 * least)
-    exact = float(np.clip(EXACT * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
-    at_last = EXACT_AT_LAST / EXACT * exact
+    screening, jacobian_model, fine = (
+        max(STEPS_OF_SCREENING, least),
+        max(MOST_STEPS_OF_JACOBIAN, least),
+        max(MOST_STEPS, 2 * least),
+    )
+    exact = float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
+    at_last = FINAL_PREDICTION_ERROR / PREDICTION_ERROR * exact
     dynamics = AxisDynamics(
         data.name,
         _from_rest(data.axis),
@@ -126,9 +130,9 @@ def case_of(
     )
     # What the model does not need for itself need not be spent on additional effects.
     needed = max((dynamics.steps_for(run) for run in data.runs), default=1)
-    screening, is_fast = max(min(screening, needed), least), least <= STEPS_SCREENING
+    screening, is_fast = max(min(screening, needed), least), least <= STEPS_OF_SCREENING
     # Small sines do not show how a loop bends.
-    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
+    free = LINEAR_PARAMETERS + (HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, InitialConditions(data.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
@@ -146,7 +150,7 @@ def case_of(
         # Of slow samples few steps do in most cases: how many is found, up to the shortest that could be needed.
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
-        finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
+        finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(MOST_FINAL_STEPS),
         jacobian_model=lambda of: cast(AxisDynamics, of).no_finer(jacobian_model),
         each=each,
         progress=progress,
@@ -162,13 +166,13 @@ def case_of(
 def find_undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return the free parameters that the runs cannot show: a plausible change moves no prediction by the tolerance.
 
-    A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are
-    not asked: they act together.
+    A change is plausible within one standard deviation of the prior, or `PLAUSIBLE_CHANGE` without one. Numbers of
+    hysteresis are not asked: they act together.
     """
     known, found = task.known(dynamics), list[str]()
-    for name in LINEAR:
+    for name in LINEAR_PARAMETERS:
         value = dynamics.axis.numbers[name]
-        relative = min(known[name][1] / abs(value), CHANGE) if name in known else CHANGE
+        relative = min(known[name][1] / abs(value), PLAUSIBLE_CHANGE) if name in known else PLAUSIBLE_CHANGE
         after = dynamics.replace({name: value * (1 + relative)})
         if difference(task.identify, dynamics, after, task.weights) < task.tolerance:
             found.append(name)

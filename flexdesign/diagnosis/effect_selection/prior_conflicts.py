@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from flexdesign import effects
 from flexdesign.core.model import Parameter
-from flexdesign.diagnosis.effect_selection.candidates import LOADED
+from flexdesign.diagnosis.effect_selection.candidates import SHOWN_BY_MASS
 from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
@@ -25,12 +25,12 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, LARGE
 from flexdesign.estimation.least_squares.parameter_transforms import value
-from flexdesign.estimation.model_selection.calibration import STARTED
+from flexdesign.estimation.model_selection.calibration import CALIBRATION_EFFORT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 
 #: A run shows how late it began where that is known better afterwards, by this factor.
-SHOWN = 0.5
+SHOWN_DEVIATION = 0.5
 #: Sensors and amplifiers are out of calibration by percents. A gain beyond this factor, up or down, is a wrong unit, a
 #: wrong channel or physics that the model lacks.
 CALIBRATION_LIMIT = 2.0
@@ -121,7 +121,7 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
     else:
         task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
         held = model.replace({conflict.number: data.known[conflict.number][0]})
-    without = fit_model(task, held, fit.effects, effort=STARTED)
+    without = fit_model(task, held, fit.effects, effort=CALIBRATION_EFFORT)
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 
@@ -155,16 +155,16 @@ def _frequency_shift(
     if data.is_loaded or is_stiffness:
         name, numbers = "stiffness_loss", [1 - r**2 for r in (ratio, *reversed(ends))]
     else:
-        name, numbers = LOADED, [r**-2 - 1 for r in (ratio, *reversed(ends))]
-    group = (name,) if data.is_loaded or is_stiffness else (LOADED, "stiffness_loss")
+        name, numbers = SHOWN_BY_MASS, [r**-2 - 1 for r in (ratio, *reversed(ends))]
+    group = (name,) if data.is_loaded or is_stiffness else (SHOWN_BY_MASS, "stiffness_loss")
     axis = data.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
         faster = {
             "natural_frequency": axis.natural_frequency,
-            "damping_ratio": model.axis.damping_ratio * (1 / ratio if name == LOADED else ratio),
+            "damping_ratio": model.axis.damping_ratio * (1 / ratio if name == SHOWN_BY_MASS else ratio),
         }
-        if name != LOADED:
+        if name != SHOWN_BY_MASS:
             faster["gain"] = model.axis.gain * ratio**2
         return _with(model.replace(faster), name, {"ratio": numbers[0]})
 
@@ -188,7 +188,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     late, places, jitter = [], list[int](), 0.0
     for j, parameter in enumerate(where.parameters):
         before = where.known.get(parameter.name, (0.0, math.inf))[1]
-        if parameter.name.endswith(f":{TRIGGER}") and sigma[j] < SHOWN * before:
+        if parameter.name.endswith(f":{TRIGGER}") and sigma[j] < SHOWN_DEVIATION * before:
             late.append(float(fit.solution.x[j]))
             places.append(j)
             jitter = max(jitter, before)
@@ -221,7 +221,7 @@ def _quantisation(data: DiagnosisData) -> Conflict | None:
     if step is None:
         return None
     p = effects.find("quantisation").parameters[0]
-    error = quantisation_noise.ON_THE_GRID * step / max(_levels(data), 1)
+    error = quantisation_noise.GRID_TOLERANCE * step / max(_levels(data), 1)
     rms = step / math.sqrt(12)
     is_irrelevant = data.is_asked and rms < data.tolerance
     named = IdentifiedEffect("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)

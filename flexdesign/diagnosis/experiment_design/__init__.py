@@ -2,7 +2,7 @@
 
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import (
-    NOISE,
+    ASSUMED_NOISE,
     Resolved,
     Separation,
     required_experiments,
@@ -21,7 +21,7 @@ from flexdesign.diagnosis.experiment_design.limits import (
 from flexdesign.diagnosis.experiment_design.signature import EffectResponse, Signature, signature_of
 
 __all__ = [
-    "NOISE",
+    "ASSUMED_NOISE",
     "Command",
     "EffectAtStrength",
     "EffectResponse",

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis.experiment_design.limits import GRID, Limits
+from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits
 from flexdesign.dynamics.trajectories import Multisine
 from flexdesign.measurements.recordings import AXES, Role, Run
 
@@ -30,11 +30,11 @@ Kind = Literal[
     "other axis",
 ]
 #: The temperature of a room [K].
-ROOM = 293.15
+ROOM_TEMPERATURE = 293.15
 #: Rise time from 10 to 90 % of a first-order low-pass, times its corner frequency.
-RISE = 0.35
+RISE_TIME_PRODUCT = 0.35
 #: Draws of random phases, of which the one with the lowest peaks is taken.
-DRAWS = 30
+PHASE_DRAWS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class Command:
         Temperature and another axis rest, unless it is them that move.
         """
         still, other = np.zeros(len(self.samples)), other_than(axis)
-        columns = {"u": self.samples, axis: still, other: still, "T": still + ROOM}
+        columns = {"u": self.samples, axis: still, other: still, "T": still + ROOM_TEMPERATURE}
         si = {"u": "V", axis: response, other: response, "T": "K"}
         for name, (unit, values) in self.recorded.items():
             columns[name], si[name] = values, unit
@@ -131,9 +131,9 @@ def on_grid(samples: Array, limits: Limits) -> Array:
 
     Rounding is to the nearest multiple; one that the ends of the range cut off is the last within.
     """
-    first, last = math.ceil(limits.low / GRID - 1e-9), math.floor(limits.high / GRID + 1e-9)
+    first, last = math.ceil(limits.low / COMMAND_GRID - 1e-9), math.floor(limits.high / COMMAND_GRID + 1e-9)
     # Divided by a whole number: the nearest double of the decimal that a file holds.
-    return np.clip(np.rint(samples / GRID), first, last) / round(1 / GRID)
+    return np.clip(np.rint(samples / COMMAND_GRID), first, last) / round(1 / COMMAND_GRID)
 
 
 def path(limits: Limits, points: Sequence[tuple[float, float]], gentle: float = 0.0) -> tuple[Array, tuple[float, ...]]:
@@ -165,7 +165,7 @@ def ramp(limits: Limits, start: float, end: float, gentle: float = 0.0) -> Array
 
     A gentle way is half a cosine, which leaves a mode of a few of its periods' length nearly at rest.
     """
-    ramp_time = RISE / limits.bandwidth / 0.8  # a ramp's whole length from its 10 to 90 %
+    ramp_time = RISE_TIME_PRODUCT / limits.bandwidth / 0.8  # a ramp's whole length from its 10 to 90 %
     slowest = abs(end - start) / limits.step * (0.5 * math.pi if gentle else 1.0)
     samples = max(1, math.ceil(max(ramp_time, gentle) * limits.rate - 0.5), math.ceil(slowest))
     share = np.arange(1, samples) / samples
@@ -195,7 +195,7 @@ def multisine(band: tuple[float, float], resolution: float, rate: float, generat
         Draws the phases: the best of thirty draws by crest factor, which is about 2.5 where one draw has 3 to 4.
     """
     best, crest = np.zeros(0), math.inf
-    for seed in generator.integers(0, 2**32, DRAWS):
+    for seed in generator.integers(0, 2**32, PHASE_DRAWS):
         tones = _tones(band, resolution, int(seed)).sampled(1 / rate)[: round(rate / resolution)]
         found = 1.0 / float(np.sqrt(np.mean(tones**2)))
         if found < crest:

@@ -17,19 +17,19 @@ from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
 #: On this multisine both effects look as alike as they can.
-STANDARD = SAME_WITH_MASS
+REFERENCE_EXPERIMENT = SAME_WITH_MASS
 #: A difference of this multiple of the sensor's noise, rms, is clear in one run.
-PLAIN = 3.0
+CLEAR_DIFFERENCE = 3.0
 #: An effect changes the standard multisine's response by this share of itself at most.
-SHARE = 0.1
+LARGEST_CHANGE = 0.1
 #: Relative change of the damping ratio from which its influence is taken.
-SMALL = 0.01
+DAMPING_CHANGE = 0.01
 #: Number of corrections of the damping.
-TURNS = 3
+DAMPING_CORRECTIONS = 3
 #: Number of experiments proposed, one of each kind.
-PROPOSED = 3
+EXPERIMENTS_PROPOSED = 3
 #: Without a stated noise of the sensor, this share of the stroke is assumed.
-NOISE = 1e-4
+ASSUMED_NOISE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ class Resolved:
         kinds: dict[str, Separation] = {}
         for each in self.separations:
             kind = "added mass" if each.command.mass_ratio else each.command.kind
-            if each.over_noise >= PLAIN and each.command.role == "identify":
+            if each.over_noise >= CLEAR_DIFFERENCE and each.command.role == "identify":
                 kinds.setdefault(kind, each)
-        return tuple(kinds.values())[:PROPOSED]
+        return tuple(kinds.values())[:EXPERIMENTS_PROPOSED]
 
 
 def resolve_effects(
@@ -120,7 +120,7 @@ def resolve_effects(
         raise InputError("command line", "--resolve", " ".join(names), "names one effect twice; name two")
     plain = on(on(model, names[0]).without, names[1]).without
     first, second = on(plain, names[0]), on(plain, names[1])
-    standard = next(command for command in experiments if command.name == STANDARD)
+    standard = next(command for command in experiments if command.name == REFERENCE_EXPERIMENT)
     one = _visible(first, standard, experiments)
     target = reading(first.at(one), standard)
     other = _closest_strength(second, standard, target, experiments)
@@ -153,7 +153,7 @@ def steady(command: Command) -> slice:
 def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
     """Return the place of an experiment: among equals those come first that the effects' own words name."""
     seen = each.over_noise
-    place = math.floor(math.log(seen) / math.log(signature.EQUALLY_GOOD)) if 0 < seen < math.inf else -math.inf
+    place = math.floor(math.log(seen) / math.log(signature.EQUAL_FACTOR)) if 0 < seen < math.inf else -math.inf
     return place, signature.names_kind(reveal, each.command.kind), seen
 
 
@@ -164,7 +164,7 @@ def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[
     """
     without = reading(effect.without, standard)
     cut = steady(standard)
-    wanted = min(signature.VISIBLE * effect.without.stroke, SHARE * float(np.std(without[cut])))
+    wanted = min(signature.VISIBLE_SHARE * effect.without.stroke, LARGEST_CHANGE * float(np.std(without[cut])))
 
     def change(model: AxisDynamics) -> float:
         return rms((reading(model, standard) - without)[cut])
@@ -212,10 +212,10 @@ def _refit(model: AxisDynamics, command: Command, target: Array) -> Array:
         return found
     cut, first = steady(command), model.axis.damping_ratio
     damping = first
-    for _ in range(TURNS):
+    for _ in range(DAMPING_CORRECTIONS):
         model = model.replace({"damping_ratio": damping})
         found = reading(model, command)
-        turned = reading(model.replace({"damping_ratio": (1 + SMALL) * damping}), command) - found
+        turned = reading(model.replace({"damping_ratio": (1 + DAMPING_CHANGE) * damping}), command) - found
         if not math.isfinite(rms(found) + rms(turned)):
             break
         gain, step = fit_linear(found[cut], target[cut], turned[cut])[1]
@@ -223,7 +223,9 @@ def _refit(model: AxisDynamics, command: Command, target: Array) -> Array:
         best += np.mean((target - best)[cut])
         if not gain > 0:
             return best
-        damping = min(max(damping * (1 + SMALL * step / gain), first / 5, 0.5 * damping), 5 * first, 2 * damping)
+        damping = min(
+            max(damping * (1 + DAMPING_CHANGE * step / gain), first / 5, 0.5 * damping), 5 * first, 2 * damping
+        )
     else:
         return best
     return np.full(len(found), np.nan)

@@ -13,14 +13,14 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Block, Effect, Parameter, Socket, Term
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.limits import EXACT
+from flexdesign.diagnosis.experiment_design.limits import SIMULATION_ERROR
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
 from flexdesign.dynamics.stage_model import AxisModel, fields
 
 #: A search for a strength ends this close to it, relative.
-CLOSE = 0.03
+STRENGTH_TOLERANCE = 0.03
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,11 @@ class EffectAtStrength:
             here, there = there, min(max(there + towards, low), high)
             if here == there:  # the end of the range
                 return sign * math.exp(there)
-        return sign * math.exp(brentq(excess, here, there, xtol=CLOSE, rtol=1e-9)) if here != there else self.start
+        return (
+            sign * math.exp(brentq(excess, here, there, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
+            if here != there
+            else self.start
+        )
 
     def _magnitudes(self) -> tuple[float, float]:
         """Return the logarithms between which the strength may lie; at most nine decades."""
@@ -127,7 +131,7 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
 
 
 def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
-    return AxisDynamics(model.name, axis, model.max_command, EXACT, delay=model.delay)
+    return AxisDynamics(model.name, axis, model.max_command, SIMULATION_ERROR, delay=model.delay)
 
 
 def _without_effect(axis: AxisModel, effect: Effect, name: str) -> AxisModel:

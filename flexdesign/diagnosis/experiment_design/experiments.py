@@ -15,7 +15,7 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design.commands import (
-    ROOM,
+    ROOM_TEMPERATURE,
     Array,
     Command,
     multisine,
@@ -29,27 +29,27 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel
 
 #: Peak to peak of the multisines, per range of voltage: noise shows at the first, the stage's laws at the last.
-LEVELS = {"small": 0.04, "medium": 0.2, "large": 0.6}
+MULTISINE_LEVELS = {"small": 0.04, "medium": 0.2, "large": 0.6}
 #: Realisations of each: what differs between them, beyond noise, is nonlinear.
 REALISATIONS = ("a", "b")
 #: Periods that are kept of each, after one in which the stage settles: what differs between them is noise.
-PERIODS = 2
+PERIODS_KEPT = 2
 #: How long the step is held [s]: creep of a stack still goes on then, and three decades of it have been seen.
-HOLD = 100.0
+STEP_HOLD = 100.0
 #: How long nothing moves [s]: a hundred periods of mains hum.
-QUIET = 2.0
+QUIET_TIME = 2.0
 #: An added mass of this share of the moving one lowers the resonance by 5 %.
 ADDED_MASS = 0.1
 #: A gentle transition to a level takes this number of periods of the lowest mode.
-GENTLE = 8
+TRANSITION_PERIODS = 8
 #: The experiment that is repeated with it.
 SAME_WITH_MASS = "multisine_medium_a"
 #: A static push moves the output by this share of its stroke.
-PUSH = 0.02
+STATIC_PUSH = 0.02
 #: Below this share of what was wanted an experiment shows nothing any more.
-LEAST = 0.05
+LEAST_SHARE = 0.05
 #: The motion may pass the ends of the static range by this share of the stroke.
-BEYOND = 0.05
+OVERTRAVEL = 0.05
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,12 @@ def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...
     """
     maker = _Maker(model, limits, times(model.axis, limits), np.random.default_rng(0))
     still, other = maker.still(4.0), other_than(model.name)
-    slow = maker.still(HOLD)
+    slow = maker.still(STEP_HOLD)
     motion = 0.5 * model.stroke * (1 - np.cos(2 * np.pi * np.arange(len(still)) / (len(still) - 1) * 2)) / 2
-    warms = ROOM + 2.0 * np.arange(len(slow)) / (len(slow) - 1)
+    warms = ROOM_TEMPERATURE + 2.0 * np.arange(len(slow)) / (len(slow) - 1)
     return (
         Command(
-            "static_push", "push", "the stiffness at the output", still, maker.period, push=PUSH * model.stroke,
+            "static_push", "push", "the stiffness at the output", still, maker.period, push=STATIC_PUSH * model.stroke,
             note="load the output with a known force, such as a weight on a string, while the command rests",
         ),
         Command(
@@ -157,7 +157,7 @@ class _Maker:
 
     def path(self, *points: tuple[float, float], gentle: float = 0.0) -> tuple[Array, tuple[float, ...]]:
         """Return levels, given as shares of the range with the time of each, from home and gently back."""
-        limits, slow = self.limits, GENTLE / self.times.lowest
+        limits, slow = self.limits, TRANSITION_PERIODS / self.times.lowest
         levels = [(limits.level(share), dwell) for share, dwell in points]
         first, away = path(limits, [(limits.home, 0.2), (levels[0][0], 0.0)], slow)
         inner, marks = path(limits, levels, gentle)
@@ -173,7 +173,7 @@ class _Maker:
         """
         limits = self.limits
         samples = limits.middle + 0.5 * share * limits.span * wave
-        slow = GENTLE / self.times.lowest
+        slow = TRANSITION_PERIODS / self.times.lowest
         first, _ = path(limits, [(limits.home, 0.2), (float(samples[0]), before)], slow)
         last, _ = path(limits, [(float(samples[-1]), 0.0), (limits.home, self.times.settling)], slow)
         return np.concatenate([first, samples, last[1:]]), len(first) * self.period
@@ -193,7 +193,7 @@ class _Maker:
             if far <= 1:
                 break
             share, why = 0.98 * share / far, "range of motion"
-        if share < LEAST:
+        if share < LEAST_SHARE:
             remedy = (
                 f"{why} leaves {100 * share:.2g} % of what {name} needs; allow a faster slew, or a lower --bandwidth"
             )
@@ -207,7 +207,7 @@ class _Maker:
         corners = [self.limits.home, high, low, high]
         slow = np.interp(np.arange(3 * there + 1) / there, np.arange(4), corners)
         static, found = self._motion(slow), self._motion(samples)
-        middle, half = 0.5 * (static.max() + static.min()), (0.5 + BEYOND) * float(np.ptp(static))
+        middle, half = 0.5 * (static.max() + static.min()), (0.5 + OVERTRAVEL) * float(np.ptp(static))
         far = float(np.abs(found - middle).max()) / half if half > 0 else 0.0
         return far if math.isfinite(far) else math.inf
 
@@ -218,7 +218,7 @@ class _Maker:
 
 def _quiet(maker: _Maker) -> list[Command]:
     purpose = "noise floor, mains hum, drift: what no model can predict"
-    return [Command("quiet", "quiet", purpose, maker.still(QUIET), maker.period)]
+    return [Command("quiet", "quiet", purpose, maker.still(QUIET_TIME), maker.period)]
 
 
 def _calibration(maker: _Maker) -> list[Command]:
@@ -238,10 +238,10 @@ def _steps(maker: _Maker) -> list[Command]:
 
 def _multisines(maker: _Maker) -> list[Command]:
     found, period = [], 1 / maker.times.resolution
-    for level, size in LEVELS.items():
+    for level, size in MULTISINE_LEVELS.items():
         for realisation in REALISATIONS:
             tones = multisine(maker.times.band, maker.times.resolution, maker.limits.rate, maker.generator)
-            wave, name = np.tile(tones, 1 + PERIODS), f"multisine_{level}_{realisation}"
+            wave, name = np.tile(tones, 1 + PERIODS_KEPT), f"multisine_{level}_{realisation}"
 
             def make(share: float, wave: Array = wave, size: float = size) -> Array:
                 return maker.about(share * size, wave, maker.times.settling)[0]
@@ -249,7 +249,7 @@ def _multisines(maker: _Maker) -> list[Command]:
             share, why = maker.within(name, make)
             samples, begins = maker.about(share * size, wave, maker.times.settling)
             purpose = f"resonance, damping, delay at {100 * size:.0f} % of the range, phases {realisation}"
-            marks = tuple(begins + (1 + k) * period for k in range(PERIODS + 1))
+            marks = tuple(begins + (1 + k) * period for k in range(PERIODS_KEPT + 1))
             found.append(
                 Command(name, "multisine", purpose, samples, maker.period, marks=marks, cycle=period, scaled=why)
             )
@@ -282,7 +282,7 @@ def _staircase(maker: _Maker) -> list[Command]:
 
 def _hold(maker: _Maker) -> list[Command]:
     level = 0.6 if maker.limits.level(0.6) != maker.limits.home else 0.8
-    samples, marks = maker.path((level, HOLD), gentle=GENTLE / maker.times.lowest)
+    samples, marks = maker.path((level, STEP_HOLD), gentle=TRANSITION_PERIODS / maker.times.lowest)
     purpose = "creep, drift: what goes on after a step, over the logarithm of time"
     return [Command("hold", "hold", purpose, samples, maker.period, marks=marks)]
 

@@ -12,15 +12,15 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
 #: Commands are whole multiples of this [V], so that a file holds exactly what was checked.
-GRID = 1e-6
+COMMAND_GRID = 1e-6
 #: Simulations are exact to this share of their span: far below what is drawn or compared.
-EXACT = 1e-6
+SIMULATION_ERROR = 1e-6
 #: Of the voltage range, that commands leave free at either end: a margin for the driver's own offset.
 MARGIN = 0.02
 #: Of the sampling rate, below which commands stay if no bandwidth is stated: Nyquist's half, less a filter's corner.
 BELOW_NYQUIST = 0.4
 #: Commands must reach this multiple of the highest resonance, or they do not show what lies above it.
-ABOVE = 1.3
+ABOVE_RESONANCE = 1.3
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Limits:
     @property
     def step(self) -> float:
         """Largest change from one sample to the next, less what rounding to the grid may add [V]."""
-        return self.slew / self.rate - 2 * GRID
+        return self.slew / self.rate - 2 * COMMAND_GRID
 
     def level(self, share: float) -> float:
         """Return a level, from 0 at the low end of the range that commands use to 1 at the high one [V]."""
@@ -119,7 +119,7 @@ def axis(model: StageModel, name: str | None) -> str:
 def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
     """Return an axis as it is simulated on the bench, its stroke that of the limits."""
     max_command = max(abs(limits.low), abs(limits.high))
-    return AxisDynamics(name, model.axes[name], max_command, EXACT, delay=model.controller.delay)
+    return AxisDynamics(name, model.axes[name], max_command, SIMULATION_ERROR, delay=model.controller.delay)
 
 
 def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> Limits:
@@ -141,7 +141,7 @@ def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> 
     rate = asked.rate or model.controller.rate
     origin["rate"] = "--rate" if asked.rate else "controller.rate"
     slew = _slew(axis, name, file, asked, capacitance, origin)
-    if slew / rate < 100 * GRID:
+    if slew / rate < 100 * COMMAND_GRID:
         remedy = f"allows {slew / rate:.2g} V per sample, less than commands resolve; allow more, or sample slower"
         raise InputError("command line" if asked.slew else file, origin["slew"], f"{slew:g} V/s", remedy)
     bandwidth = _bandwidth(axis, asked, rate, file, origin)
@@ -206,7 +206,7 @@ def _slew(
 
 def _bandwidth(axis: AxisModel, asked: StatedLimits, rate: float, file: str, origin: dict[str, str]) -> float:
     highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
-    wanted, nyquist = ABOVE * highest, BELOW_NYQUIST * rate
+    wanted, nyquist = ABOVE_RESONANCE * highest, BELOW_NYQUIST * rate
     if nyquist < wanted:
         fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
         remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more (--rate)"

@@ -11,7 +11,12 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design import command_files, limits
 from flexdesign.diagnosis.experiment_design.commands import Command
-from flexdesign.diagnosis.experiment_design.discrimination import NOISE, Resolved, required_experiments, resolve_effects
+from flexdesign.diagnosis.experiment_design.discrimination import (
+    ASSUMED_NOISE,
+    Resolved,
+    required_experiments,
+    resolve_effects,
+)
 from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -119,7 +124,7 @@ def plan_experiments(model: StageModel, request: Request, progress: Callable[[st
     if request.resolve:
         progress(f"simulating {request.resolve[0]} and {request.resolve[1]}")
         menu = [*commands, *other_excitations(dynamics, limits_)]
-        resolved = resolve_effects(dynamics, request.resolve, menu, noise or NOISE * dynamics.stroke)
+        resolved = resolve_effects(dynamics, request.resolve, menu, noise or ASSUMED_NOISE * dynamics.stroke)
         commands = required_experiments(commands, resolved)
     title = f"{model.title or model.name}: axis {chosen} on the bench"
     return Plan(title, chosen, axis, commands, limits_, resolved, noise)

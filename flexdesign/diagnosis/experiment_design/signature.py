@@ -12,15 +12,15 @@ from flexdesign.diagnosis.experiment_design.commands import Array, Command
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fit_linear, reading, rms
 
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
-VISIBLE = 0.01
+VISIBLE_SHARE = 0.01
 #: Experiments within this factor show an effect equally well: then the plainer one comes first.
-EQUALLY_GOOD = 1.25
+EQUAL_FACTOR = 1.25
 #: Below this share of the stroke nothing is seen.
-INVISIBLE = 1e-5
+INVISIBLE_SHARE = 1e-5
 #: An experiment shows an effect if it changes by this share of what it changes in the best one.
-SHOWN = 0.1
+SHOWN_SHARE = 0.1
 #: Words by which the catalogue names each kind of experiment.
-WORDS = {
+KIND_WORDS = {
     "quiet": ("quiet",),
     "steps": ("steps",),
     "multisine": ("multisine", "frequency response", "resonance"),
@@ -85,7 +85,9 @@ class Signature:
     def visible(self) -> tuple[EffectResponse, ...]:
         """The experiments that show it; none if the strongest plausible effect changes nothing in any of them."""
         best = max((each.change for each in self.seen), default=0.0)
-        return tuple(each for each in self.seen if each.change >= max(SHOWN * best, INVISIBLE * self.stroke))
+        return tuple(
+            each for each in self.seen if each.change >= max(SHOWN_SHARE * best, INVISIBLE_SHARE * self.stroke)
+        )
 
 
 def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Signature:
@@ -108,7 +110,7 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
     changes = [change(number, effect.start) for number in range(len(experiments))]
     best = max(range(len(experiments)), key=lambda number: changes[number] if math.isfinite(changes[number]) else 0.0)
     plain = without[best]
-    strength = effect.search(VISIBLE * stroke, lambda model: rms(reading(model, experiments[best]) - plain))
+    strength = effect.search(VISIBLE_SHARE * stroke, lambda model: rms(reading(model, experiments[best]) - plain))
     seen = [
         EffectResponse(command, before, reading(effect.at(strength), command))
         for command, before in zip(experiments, without, strict=True)
@@ -129,7 +131,7 @@ def names_kind(reveal: str, kind: str) -> bool:
     >>> names_kind("a step held for a hundred seconds or more", "hold"), names_kind("a quiet record", "triangle")
     (True, False)
     """
-    return any(word in reveal for word in WORDS.get(kind, ()))
+    return any(word in reveal for word in KIND_WORDS.get(kind, ()))
 
 
 def _sort(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
@@ -142,7 +144,7 @@ def _sort(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
 
     def rank(each: EffectResponse) -> tuple[bool, float]:
         change = each.change if is_gain else each.left
-        place = math.floor(math.log(change) / math.log(EQUALLY_GOOD)) if change > 0 else -math.inf
-        return names_kind(reveal, each.command.kind) and each.change >= SHOWN * largest, place
+        place = math.floor(math.log(change) / math.log(EQUAL_FACTOR)) if change > 0 else -math.inf
+        return names_kind(reveal, each.command.kind) and each.change >= SHOWN_SHARE * largest, place
 
     return sorted(seen, key=rank, reverse=True)  # stable: the order of plainness among equals

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.axis_noise import noise_of_axis
-from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR, prior
+from flexdesign.diagnosis.identify import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, prior
 from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_response
@@ -31,11 +31,11 @@ Array = NDArray[np.float64]
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: Where the noise is unknown, what a user hardly cares about: an effect must move a prediction by more, and a residual
 #: below it counts as none, in shares of the stroke.
-TOLERANCE = 1e-3
+DEFAULT_TOLERANCE = 1e-3
 #: How often rounding is drawn, to learn what chance makes of it.
-ROUNDED = 400
+ROUNDING_DRAWS = 400
 #: The largest command of an axis of which nobody said how far it may be driven [V].
-UNLIMITED = 100.0
+UNLIMITED_COMMAND = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class DiagnosisData:
             return
         runs = {run.name: run for run in self.of("identify")}
         rng = np.random.default_rng(0)
-        for error in quantisation_noise.errors(runs, self.noise.whitening, residuals, self.coarse_step, ROUNDED):
+        for error in quantisation_noise.errors(runs, self.noise.whitening, residuals, self.coarse_step, ROUNDING_DRAWS):
             lines = {each.name: self.lines[each.name].of_values for each in self.responses}
             yield {**error, **{name: sigma * rng.standard_normal(len(sigma)) for name, sigma in lines.items()}}
 
@@ -184,7 +184,9 @@ class DiagnosisData:
         driven = [float(np.abs(run.command()).max()) for run in self.runs]
         driven += [abs(each.bias) + (each.amplitude or 0.0) for each in self.responses]
         if not self.runs:
-            driven += [abs(limit) for limit in stages.command_limits(self.axis) if math.isfinite(limit)] or [UNLIMITED]
+            driven += [abs(limit) for limit in stages.command_limits(self.axis) if math.isfinite(limit)] or [
+                UNLIMITED_COMMAND
+            ]
         return max(driven) or 1.0
 
     @property
@@ -259,7 +261,9 @@ def prepare(
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
-    least = min(OF_NOISE * first.noise_rms, OF_STROKE * first.stroke) if noise.known else TOLERANCE * first.stroke
+    least = (
+        min(OF_NOISE * first.noise_rms, OF_STROKE * first.stroke) if noise.known else DEFAULT_TOLERANCE * first.stroke
+    )
     asked = tolerance is not None
     data = replace(first, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
     return replace(data, noise=with_lines(data.noise, responses, lines), responses=responses, lines=lines)
@@ -274,7 +278,7 @@ def _of_responses(
     """Return the data set of frequency responses alone, whose unit is the response to one volt."""
     data = replace(data, responses=responses, lines=lines)
     least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.stroke)
-    least = least if data.noise.known else TOLERANCE * data.stroke
+    least = least if data.noise.known else DEFAULT_TOLERANCE * data.stroke
     asked = tolerance is not None
     return replace(data, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
 
@@ -291,7 +295,7 @@ def line_weights(data: DiagnosisData) -> dict[str, Array]:
         size = np.hypot(np.tile(np.abs(np.nan_to_num(each.response)), 2), sigma)
         known = data.noise.known or bool(data.runs)
         found[each.name] = data.default_limit / (
-            np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else TOLERANCE * size
+            np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else DEFAULT_TOLERANCE * size
         )
     return found
 
@@ -304,4 +308,6 @@ def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
 
 
 def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
-    return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)
+    return prior(
+        axis, [*LINEAR_PARAMETERS, *HYSTERESIS_PARAMETERS[:-1]] if "bouc_wen" in axis.effects else LINEAR_PARAMETERS
+    )

@@ -22,12 +22,12 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 Array = NDArray[np.float64]
 #: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
 #: share of the stroke that the mode swings by.
-LATE, TURNED, SWINGS = 0.3, 0.4, 0.1
+TRIGGER_DEVIATION, TURNING_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
 #: Before the first fit, delays are tried up to this one [s], at this spacing in periods of the mode.
-LATEST, IN_TIME = 0.012, 0.125
+LARGEST_DELAY, DELAY_SPACING = 0.012, 0.125
 #: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives
 #: lead nowhere. A payload or a loose part may have changed it by so much.
-OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
+LARGEST_DETUNING, DETUNING_SPACING = 0.24, 0.03
 
 
 def prior_of_initial_condition(
@@ -41,9 +41,9 @@ def prior_of_initial_condition(
     if number in (by_run := cast(AxisDynamics, model).by_run):
         return 0.0, by_run[number]
     if number == TRIGGER:
-        return 0.0, LATE * next(each.period for each in runs if each.name == run)
+        return 0.0, TRIGGER_DEVIATION * next(each.period for each in runs if each.name == run)
     if number in REVERSALS:
-        return REVERSALS[number] * max_command, TURNED * max_command
+        return REVERSALS[number] * max_command, TURNING_DEVIATION * max_command
     return None
 
 
@@ -73,7 +73,7 @@ class InitialConditions:
         slow = relaxing(self.axis)
         columns = [np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t)]
         columns += [np.exp(-t / tau) for tau, _ in slow]
-        sizes = [math.inf, *2 * [SWINGS * self.stroke], *(share * self.stroke for _, share in slow)]
+        sizes = [math.inf, *2 * [RINGING_DEVIATION * self.stroke], *(share * self.stroke for _, share in slow)]
         return np.column_stack(columns), np.array(sizes)
 
 
@@ -115,8 +115,8 @@ def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
     def late_by(late: float) -> AxisDynamics:
         return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
 
-    step = IN_TIME / dynamics.first.natural_frequency
-    best = min(np.arange(0.0, LATEST, step).tolist(), key=lambda late: _cost(task, late_by(late)))
+    step = DELAY_SPACING / dynamics.first.natural_frequency
+    best = min(np.arange(0.0, LARGEST_DELAY, step).tolist(), key=lambda late: _cost(task, late_by(late)))
     return late_by(best) if best > step else dynamics
 
 
@@ -129,9 +129,9 @@ def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics
     def tuned(factor: float) -> AxisDynamics:
         return dynamics.replace({"natural_frequency": factor * nominal})
 
-    factors = (1 + np.arange(-OUT_OF_TUNE, OUT_OF_TUNE + IN_TUNE / 2, IN_TUNE)).tolist()
+    factors = (1 + np.arange(-LARGEST_DETUNING, LARGEST_DETUNING + DETUNING_SPACING / 2, DETUNING_SPACING)).tolist()
     best = min(factors, key=lambda factor: _cost(task, tuned(factor)))
-    return tuned(best) if abs(best - 1) > 1.5 * IN_TUNE else dynamics
+    return tuned(best) if abs(best - 1) > 1.5 * DETUNING_SPACING else dynamics
 
 
 def _cost(task: EstimationTask, model: AxisDynamics) -> float:

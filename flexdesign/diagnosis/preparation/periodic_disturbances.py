@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 
 #: A line in the residual is sought in records of at least this number of samples without a gap.
-FEWEST = 200
+FEWEST_SAMPLES = 200
 #: Number of peaks in the residual of frequency responses at which modes are tried.
-PEAKS = 6
+PEAKS_TRIED = 6
 
 
 def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
@@ -40,7 +40,7 @@ def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     found = set(seen)
     for period in sorted(set(periods.values())):
         parts = [_longest(name, fit.residuals_by_run[name]) for name, own in periods.items() if own == period]
-        stretches = [part for part in parts if len(part.values) >= FEWEST and np.ptp(part.values) > 0]
+        stretches = [part for part in parts if len(part.values) >= FEWEST_SAMPLES and np.ptp(part.values) > 0]
         if stretches:
             found |= {line.frequency for line in remove_sinusoids(stretches, period)[0]}
     return tuple(sorted(found))
@@ -62,7 +62,7 @@ def peaks(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
             places, about = find_peaks(left / predicted, prominence=0.0)
             there = each.frequencies[each.present][places]
             found += zip(about["prominences"].tolist(), there.tolist(), strict=True)
-    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS])
+    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS_TRIED])
 
 
 def _longest(name: str, remainder: np.ndarray) -> Stretch:

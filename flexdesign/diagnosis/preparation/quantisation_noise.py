@@ -14,12 +14,12 @@ from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 #: Samples of its past that rounding is predicted from; and how often it is drawn, with another noise beneath each time.
-ORDER, DRAWS = 12, 4
+PREDICTION_ORDER, NOISE_DRAWS = 12, 4
 #: Noise of a sensor whose steps hide it is no more than this share of a step.
-HIDDEN = 0.3
+HIDDEN_NOISE = 0.3
 #: Steps of a reading are coarse where they are this many times the noise, which rounding alone makes 0.29 of them; and
 #: real where readings take no more levels than this share of their number, each within this share of a step.
-COARSE, MOST_LEVELS, ON_THE_GRID = 1.2, 0.5, 0.05
+COARSE_STEP, MOST_LEVELS, GRID_TOLERANCE = 1.2, 0.5, 0.05
 
 
 def coarse_step(readings: Array, noise: float, resolution: float) -> float | None:
@@ -35,9 +35,9 @@ def coarse_step(readings: Array, noise: float, resolution: float) -> float | Non
     levels = np.unique(readings[np.isfinite(readings)])
     gaps = np.diff(levels)
     step = float(np.median(gaps)) if len(gaps) else 0.0
-    if step <= max(COARSE * noise, 2 * resolution) or len(levels) > MOST_LEVELS * len(readings):
+    if step <= max(COARSE_STEP * noise, 2 * resolution) or len(levels) > MOST_LEVELS * len(readings):
         return None
-    return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
+    return None if np.abs(gaps / step - np.round(gaps / step)).max() > GRID_TOLERANCE else step
 
 
 def add_rounding(
@@ -58,7 +58,7 @@ def add_rounding(
     seed
         Of the noise beneath the steps.
     """
-    realisations = list(errors(runs, noise, residuals, step, DRAWS, seed))
+    realisations = list(errors(runs, noise, residuals, step, NOISE_DRAWS, seed))
     return ColouredNoise(
         {name: _process([each[name][np.isfinite(each[name])] for each in realisations]) for name in runs}
     )
@@ -80,7 +80,7 @@ def errors(
     for _ in range(count):
         found = dict[str, Array]()
         for name, run in runs.items():
-            beneath = min(noise.process(name).rms, HIDDEN * step)
+            beneath = min(noise.process(name).rms, HIDDEN_NOISE * step)
             # Where the grid lies beneath an unknown offset is drawn, too.
             disturbed = run.measured() - residuals[name] + rng.uniform(0, step)
             found[name] = (
@@ -94,7 +94,7 @@ def _process(realisations: list[Array]) -> Process:
     count = sum(len(record) for record in realisations)
     mean = sum(float(record.sum()) for record in realisations) / count
     centred = [record - mean for record in realisations]
-    lags = [sum(float(e[k:] @ e[: len(e) - k]) for e in centred) / count for k in range(ORDER + 1)]
+    lags = [sum(float(e[k:] @ e[: len(e) - k]) for e in centred) / count for k in range(PREDICTION_ORDER + 1)]
     process = Process.from_covariances(np.array(lags))
-    innovations = np.concatenate([process.whiten(e[:, None])[ORDER:] for e in centred])
+    innovations = np.concatenate([process.whiten(e[:, None])[PREDICTION_ORDER:] for e in centred])
     return replace(process, sigma=process.sigma * float(np.sqrt(np.mean(innovations**2))))

@@ -15,16 +15,16 @@ import numpy as np
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.measurements.recordings import Run
 
-#: Number of values that are searched; runs of more than `LONG` values in all are cut.
-ENOUGH, LONG = 12_000, 40_000
+#: Number of values that are searched; runs of more than `LONG_RUNS` values in all are cut.
+SAMPLES_SEARCHED, LONG_RUNS = 12_000, 40_000
 
 
 def truncate(data: DiagnosisData) -> DiagnosisData | None:
     """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut."""
     lengths = sorted(len(run.time) for run in data.runs)
-    if sum(lengths) < LONG or not data.noise.known:
+    if sum(lengths) < LONG_RUNS or not data.noise.known:
         return None
-    cut, left = 0, ENOUGH
+    cut, left = 0, SAMPLES_SEARCHED
     for count, length in zip(range(len(lengths), 0, -1), lengths, strict=True):
         cut = max(1, left // count)
         if cut <= length:

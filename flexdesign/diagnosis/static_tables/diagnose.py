@@ -29,9 +29,9 @@ from flexdesign.estimation.criterion import INDISTINGUISHABLE
 Array = NDArray[np.float64]
 #: Effects that are the answer only if no other is: turned arms pass for any offset that was not drawn, and tables are
 #: mostly taken at rest. They are not tried in pairs.
-LAST = ("geometric_stiffening",)
+TRIED_LAST = ("geometric_stiffening",)
 #: The same of a table of several parts: one member is seldom off alike in parts that were made one by one.
-LAST_OF_SEVERAL = ("one_member",)
+TRIED_LAST_OF_SEVERAL = ("one_member",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def diagnose(
     tried = singles = _sort(fit_with(before, case) for case in candidates)
     nearest, explanations = before, list[Trial]()
     if not before.is_adequate:
-        last = (*LAST, *(LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
+        last = (*TRIED_LAST, *(TRIED_LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
         every = _accepted_trials(before, singles, len(singles))
         first = _accepted_trials(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
         explanations = first or every
@@ -114,7 +114,7 @@ def diagnose(
         nearest = next((trial for trial in singles if trial.is_significant_against(before, len(singles))), before)
     if not (before.is_adequate or explanations):
         # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
-        often = [c for c in candidates if not {*c} & {*LAST_OF_SEVERAL} or not any(r.load for r in table.rows)]
+        often = [c for c in candidates if not {*c} & {*TRIED_LAST_OF_SEVERAL} or not any(r.load for r in table.rows)]
         pairs = _sort(fit_with(before, pair) for pair in _pairs(often, progress))
         # Two causes, of which one contradicts the design, are believed of nothing.
         sound = [trial for trial in pairs if not trial.excess_modulus(before)]
@@ -157,7 +157,7 @@ def _pairs(candidates: Sequence[Cases], progress: Callable[[str], None]) -> Iter
     """Return all pairs of different effects."""
     for one, other in itertools.combinations(candidates, 2):
         pair = {**one, **other}
-        if len(pair) == 2 and not {*pair} & {*LAST}:
+        if len(pair) == 2 and not {*pair} & {*TRIED_LAST}:
             progress(f"trying {' and '.join(pair)}")
             yield pair
 

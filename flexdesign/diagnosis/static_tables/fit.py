@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 #: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.
 Cases = Mapping[str, tuple[float, ...]]
 #: Fits begin at these multiples of the size at which an effect is shown, and at the negative ones.
-STARTS = (1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3)
+STARTING_MULTIPLES = (1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +185,7 @@ def _start(problem: Problem) -> Array:
     for parameter in problem.where.parameters:
         effect, _, name = parameter.name.rpartition(".")
         size = next(p.start for p in statics.find(effect).parameters if p.name == name) or 1.0
-        tried = [sign * size * by for by in STARTS for sign in (1, -1)]
+        tried = [sign * size * by for by in STARTING_MULTIPLES for sign in (1, -1)]
         grids.append([coordinate(parameter, s) for s in tried if parameter.is_plausible(s)])
     points = [np.array(point) for point in itertools.product(*grids)]
     return min(points, key=lambda x: problem.cost(x, problem.residuals(x)))

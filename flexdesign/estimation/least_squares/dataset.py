@@ -20,9 +20,9 @@ from flexdesign.estimation.noise.whitening import Scaled, Whitening
 
 Array = NDArray[np.float64]
 #: A combination of columns this small, relative to the largest, is hidden.
-HIDDEN = 1e-10
+NULL_SPACE_TOLERANCE = 1e-10
 #: Residuals smaller than this share of the data are the simulator's rounding: costs do not differ there.
-ROUNDING = 1e-7
+SIMULATION_ROUNDING = 1e-7
 #: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
 
@@ -129,7 +129,7 @@ class Dataset:
         #: Norm of the measured data, whitened.
         self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
         #: Costs that differ by less differ by rounding.
-        self.floor = (ROUNDING * self.size) ** 2
+        self.floor = (SIMULATION_ROUNDING * self.size) ** 2
 
     def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Dataset:
         """Return the data set with other columns that may add to its observations, and perhaps with other noise."""
@@ -198,7 +198,7 @@ class Dataset:
         lengths = np.linalg.norm(stacked, axis=0)
         unit = stacked / np.where(lengths > 0, lengths, 1.0)
         left, singular, right = np.linalg.svd(unit, full_matrices=False)
-        significant = singular > HIDDEN * singular.max(initial=0.0)
+        significant = singular > NULL_SPACE_TOLERANCE * singular.max(initial=0.0)
         basis = left[:, significant]
         amounts = (
             (right[significant].T / singular[significant]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]

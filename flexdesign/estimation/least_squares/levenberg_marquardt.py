@@ -17,16 +17,16 @@ from flexdesign.estimation.least_squares.residual_function import JacobianBlock,
 
 Array = NDArray[np.float64]
 #: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
-SMALL = 0.1
+SMALL_REDUCTION = 0.1
 #: An updated Jacobian serves while the gain ratio, actual by predicted reduction, is at least this, and for this
 #: number of steps; it shows convergence if the gain ratio of the last step was between these.
 LEAST_GAIN_RATIO, MOST_UPDATES, CONVERGED_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
-UNDAMPED = 1e-9
+NEGLIGIBLE_DAMPING = 1e-9
 #: The search ends where the Jacobian was computed so often at one point without success.
-TWICE = 2
+MOST_FAILURES = 2
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ Columns = Mapping[str, Sequence[Array | None]]
 
 
 def solve(
-    problem: Problem, start: Array, effort: Effort = FULL, old: Columns | None = None, *, small: float = SMALL
+    problem: Problem, start: Array, effort: Effort = FULL, old: Columns | None = None, *, small: float = SMALL_REDUCTION
 ) -> Solution | None:
     """Return the minimum near a point; None where the model fails there.
 
@@ -144,7 +144,7 @@ def solve(
         # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
         if search.descend(effort.share) and (search.fresh or not effort.is_exact):
             return search.solution(True)
-        if search.jacobians_here == TWICE or not (left or effort.is_exact):
+        if search.jacobians_here == MOST_FAILURES or not (left or effort.is_exact):
             break
         search.update_jacobian()
     return search.solution(False)
@@ -153,7 +153,7 @@ def solve(
 def linearise(problem: Problem, x: Array) -> Solution | None:
     """Return a point as it is, with the Jacobian there; None where the model fails."""
     residuals = problem.residuals(x)
-    return None if residuals is None else _Search(problem, x, residuals, None, SMALL).solution(False)
+    return None if residuals is None else _Search(problem, x, residuals, None, SMALL_REDUCTION).solution(False)
 
 
 def refine_minimum(solution: Solution, small: float) -> Solution:
@@ -198,7 +198,7 @@ class _Search:
                 continue
             if predicted_reduction <= enough and not self.is_undamped:
                 # Damping itself may keep promises small along a valley.
-                self.damping, self.is_undamped = UNDAMPED, True
+                self.damping, self.is_undamped = NEGLIGIBLE_DAMPING, True
                 continue
             if predicted_reduction <= enough and self.held.any():
                 self._release()
@@ -250,7 +250,7 @@ class _Search:
         self.problem.symmetrise(self.jacobian)
         self.gain_ratio = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
-        self.damping = max(self.damping * (DAMPING_DECREASE if self.gain_ratio > 0.5 else 1.0), UNDAMPED)
+        self.damping = max(self.damping * (DAMPING_DECREASE if self.gain_ratio > 0.5 else 1.0), NEGLIGIBLE_DAMPING)
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.is_undamped, self.jacobians_here = False, False, 0
 

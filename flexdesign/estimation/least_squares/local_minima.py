@@ -14,7 +14,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.residual_function import Map
 
 #: A run begins elsewhere where that lowers its chi^2 to less than this share: less is no other minimum.
-BETTER = 0.98
+OTHER_MINIMUM = 0.98
 #: Points of the grid from which the initial state of a run is fitted.
 GRID_POINTS = 4
 #: Fits the initial state of one run from that of a model; returns chi^2 of the run, and the model with it.
@@ -54,7 +54,7 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
         if fit_state is not None:
             found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))
         cost, there = min(found, key=lambda pair: pair[0])
-        if cost < BETTER * costs[first]:
+        if cost < OTHER_MINIMUM * costs[first]:
             names = {p.name for p in own[record.observation.name]}
             changed |= {p.name: p.start for p in there.parameters() if p.name in names and p.start is not None}
     return model.replace(changed) if changed else model

@@ -17,7 +17,7 @@ from flexdesign.estimation.least_squares.residual_function import Problem
 Array = NDArray[np.float64]
 #: Points whose cost is computed for each start that may be followed: a tone of 15 periods with unknown amplitude,
 #: frequency and phase is then found in 38 of 40 fits, with half as many in 25.
-SAMPLES = 32
+STARTING_POINTS = 32
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,9 @@ def _sample_starts(problem: Problem, starts: int, seed: int) -> list[Array]:
     from scipy.stats.qmc import Sobol
 
     low, high = problem.where.sampled()
-    sample = Sobol(len(low), rng=np.random.default_rng(seed)).random_base2(math.ceil(math.log2(SAMPLES * starts)))
+    sample = Sobol(len(low), rng=np.random.default_rng(seed)).random_base2(
+        math.ceil(math.log2(STARTING_POINTS * starts))
+    )
     points = [low + unit * (high - low) for unit in sample]
     costs = np.array(list(problem.each(lambda x: problem.cost(x, problem.residuals(x)), points)))
     apart = 0.25 * starts ** (-1 / len(low))  # a quarter of the distance between as many points on a grid

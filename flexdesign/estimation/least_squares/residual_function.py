@@ -30,7 +30,7 @@ DIFFERENCE_STEP = 3e-4
 #: The same for central differences, whose error is of second order.
 CENTRAL_STEP = 3 * DIFFERENCE_STEP
 #: Step of a finite difference per size of its coordinate: where it begins, and how small and large it may become.
-STEP, SMALLEST, LARGEST = 1e-4, 1e-7, 1e-2
+FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 1e-4, 1e-7, 1e-2
 #: Makes another model of one, with the same numbers.
 Made = Callable[[Model], Model]
 
@@ -99,7 +99,7 @@ class Problem:
         self.places = [
             np.array([j for j, run in enumerate(runs) if run in ("", name)], dtype=np.intp) for name in names
         ]
-        self.steps = STEP * where.sizes(where.start)
+        self.steps = FIRST_STEP * where.sizes(where.start)
         self._known = [(where.names.index(name), *about) for name, about in where.known.items()]
 
     @property
@@ -267,7 +267,7 @@ class Problem:
         # The next steps move the whitened response by a small share of it.
         sizes, wanted = self.where.sizes(x), (CENTRAL_STEP if self.central else DIFFERENCE_STEP) * self.dataset.size
         by = np.where(steps > 0, np.clip(wanted / np.maximum(np.sqrt(steps), 1e-300), 0.1, 10.0), 1.0)
-        self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
+        self.steps = np.clip(self.steps * by, SMALLEST_STEP * sizes, LARGEST_STEP * sizes)
         return [
             JacobianBlock(
                 places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), len(residuals[r])).T

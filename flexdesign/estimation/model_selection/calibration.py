@@ -8,7 +8,7 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, fit_initial_states, solve_case
 
 #: A fit ends where a step lowers chi^2 by less than 1e-4 of it; the calibration is refined afterwards.
-STARTED = Effort(20, 1e-4, is_exact=False)
+CALIBRATION_EFFORT = Effort(20, 1e-4, is_exact=False)
 
 
 def evaluate_design(task: EstimationTask, model: Model) -> FittedModel | None:
@@ -32,7 +32,7 @@ def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = 
     Where the design with the initial states that suit it explains more than that fit, it is another start. Samples of
     the plausible ranges are none: measured on recordings of others they led to the same minimum.
     """
-    found = solve_case(task, model, effort=STARTED)
+    found = solve_case(task, model, effort=CALIBRATION_EFFORT)
     if nominal is not None and (found is None or nominal.cost < found.cost):
-        found = solve_case(task, nominal.model, effort=STARTED) or found
+        found = solve_case(task, nominal.model, effort=CALIBRATION_EFFORT) or found
     return None if found is None else evaluate_fit(task, found, ())

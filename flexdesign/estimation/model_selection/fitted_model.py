@@ -21,7 +21,7 @@ from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
 Array = NDArray[np.float64]
 #: Standard deviations by which chi^2 may exceed that of white noise: one fit in a thousand does.
-EXCEEDED = 3.0
+MISFIT_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class FittedModel:
     @property
     def exceeds_noise(self) -> bool:
         """Whether chi^2 of the fitted runs is larger than white noise makes it."""
-        return self.excess > EXCEEDED * math.sqrt(2.0 * self.solution.problem.dataset.samples)
+        return self.excess > MISFIT_DEVIATIONS * math.sqrt(2.0 * self.solution.problem.dataset.samples)
 
     @property
     def scale(self) -> float:
@@ -287,7 +287,7 @@ def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = fr
 # --- local minima ---------------------------------------------------------------------------------------------------
 
 #: Factors by which thresholds are moved at first: less is within the reach of derivatives.
-FACTORS = (1.1, 0.9)
+THRESHOLD_FACTORS = (1.1, 0.9)
 
 
 def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
@@ -328,7 +328,7 @@ def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | Non
     cost = fit.solution.problem.cost_of(model, fit.solution.x)
     if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change more than is sought
         model, cost = fit.model, fit.cost
-    for factor in FACTORS:
+    for factor in THRESHOLD_FACTORS:
         while True:
             value = next(p.start for p in model.parameters() if p.name == name)
             rough = solve_case(task, model.replace({name: factor * (value or 0.0)}), fit.effects, effort=ROUGH)

@@ -29,16 +29,16 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
 Array = NDArray[np.float64]
 #: The free parameters imitate an effect if less than this fraction of its squares is independent of them.
-OWN = 1e-8
+INDEPENDENT_SHARE = 1e-8
 #: A move smaller than this, in shares of the data, is rounding.
-ROUNDING = 1e-12
+NEGLIGIBLE_MOVE = 1e-12
 #: A promise counts only if the strength that it needs is no more than this many times that of the catalogue.
-FARTHEST = 300.0
+LARGEST_EXTRAPOLATION = 300.0
 #: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
 #: parameters imitate is projected out to first order.
-LARGE = 3.0
+LARGEST_MOVE = 3.0
 #: Draws of chance, and the share of them whose largest score is the critical value that is continued to rarer ones.
-DRAWS, LEVEL = 4000, 0.01
+NULL_DRAWS, SIMULATED_LEVEL = 4000, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +137,11 @@ class Direction:
     @property
     def predicted_reduction(self) -> float:
         """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
-        if (self.best_step <= 0 and not self.candidate.signed) or abs(self.best_step) * self.scale > FARTHEST:
+        if (self.best_step <= 0 and not self.candidate.signed) or abs(
+            self.best_step
+        ) * self.scale > LARGEST_EXTRAPOLATION:
             return 0.0
-        more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
+        more = chdtri(self.columns, SIMULATED_LEVEL) - chdtri(1, SIMULATED_LEVEL)
         return max(self.predicted_gain * self.best_step - float(more), 0.0)
 
 
@@ -169,7 +171,7 @@ def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> flo
         return 0.0
     shared, gradient = np.hstack(projections), np.concatenate(gradients)
     own = block_diag(*grams) - shared.T @ solution.covariance @ shared
-    return float(gradient @ np.linalg.pinv(own, rcond=OWN, hermitian=True) @ gradient)
+    return float(gradient @ np.linalg.pinv(own, rcond=INDEPENDENT_SHARE, hermitian=True) @ gradient)
 
 
 class Screening:
@@ -211,7 +213,7 @@ class Screening:
                 move = self._move(model, values)
                 if move is None or candidate.is_limit:
                     return None if move is None else self._direction(candidate, values, move)
-                scale = min(LARGE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
+                scale = min(LARGEST_MOVE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
                 if scale < 1:
                     values = {**values, candidate.strength: values[candidate.strength] * scale}
                     move = self._move(model, values)
@@ -236,7 +238,10 @@ class Screening:
         projection = self._project(move[:, None])[:, 0]
         whole = float(move @ move)
         projected_norm2 = whole - float(projection @ self.inverse @ projection)
-        if whole <= (ROUNDING * self.solution.problem.dataset.size) ** 2 or projected_norm2 < OWN * whole:
+        if (
+            whole <= (NEGLIGIBLE_MOVE * self.solution.problem.dataset.size) ** 2
+            or projected_norm2 < INDEPENDENT_SHARE * whole
+        ):
             return None
         return Direction(candidate, values, move, projection, projected_norm2, float(move @ self.residual))
 
@@ -305,11 +310,13 @@ class Screening:
         if not len(null_errors):
             values, vectors = np.linalg.eigh(self.cosines(plain))
             root = vectors * np.sqrt(np.maximum(values, 0.0))
-            null_errors = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
+            null_errors = np.random.default_rng(seed).standard_normal((NULL_DRAWS, len(values))) @ root.T
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(null_errors), np.maximum(null_errors, 0.0)).max(axis=1)
-        single = float(np.quantile(largest**2, 1 - LEVEL))
-        comparisons = LEVEL / float(chdtrc(1, single))  # this number of independent ones would be exceeded as often
+        single = float(np.quantile(largest**2, 1 - SIMULATED_LEVEL))
+        comparisons = SIMULATED_LEVEL / float(
+            chdtrc(1, single)
+        )  # this number of independent ones would be exceeded as often
         return float(chdtri(1, level / max(comparisons, 1.0)))
 
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
@@ -338,7 +345,7 @@ class Screening:
         made = []
         for i, j in itertools.combinations(range(len(self.directions)), 2):
             a, b, cosine = self.directions[i], self.directions[j], float(cosines[i, j])
-            if a.candidate.name == b.candidate.name or 1 - cosine**2 < OWN:
+            if a.candidate.name == b.candidate.name or 1 - cosine**2 < INDEPENDENT_SHARE:
                 continue
             p, q = a.predicted_gain / math.sqrt(a.projected_norm2), b.predicted_gain / math.sqrt(b.projected_norm2)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
@@ -347,7 +354,7 @@ class Screening:
                     abs(of_a) / math.sqrt(a.projected_norm2) * a.scale,
                     abs(of_b) / math.sqrt(b.projected_norm2) * b.scale,
                 )
-                > FARTHEST
+                > LARGEST_EXTRAPOLATION
             )
             if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
                 made.append((of_a * p + of_b * q, a, b))

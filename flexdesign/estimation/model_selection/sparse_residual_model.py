@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 #: Functions of what a model predicts of an observation, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
 #: No more terms than these, and none that chance makes in one of a thousand cases.
-MOST, LEVEL = 10, 1e-3
+MOST_TERMS, TERM_LEVEL = 10, 1e-3
 #: A function of which the model's own numbers leave less than this, in squares, is one that they can imitate.
-OWN = 1e-4
+INDEPENDENT_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     inverse = solution.covariance
     gram = seen.T @ seen - projection.T @ inverse @ projection
     predicted_gain = seen.T @ np.concatenate(solution.residuals)
-    own = np.diag(gram) > OWN * np.sum(seen**2, axis=0)
-    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, LEVEL / max(len(names), 1))))
+    own = np.diag(gram) > INDEPENDENT_SHARE * np.sum(seen**2, axis=0)
+    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, TERM_LEVEL / max(len(names), 1))))
     if not chosen:
         return SparseModel({}, 0.0, 0.0, 0.0, {})
     amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
@@ -113,7 +113,7 @@ def _pursuit(
 ) -> tuple[list[int], list[float]]:
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
-    for _ in range(MOST):
+    for _ in range(MOST_TERMS):
         best, reached = -1, before
         for j in range(len(predicted_gain)):
             if j in chosen or not own[j]:

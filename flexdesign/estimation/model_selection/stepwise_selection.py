@@ -38,11 +38,11 @@ from flexdesign.estimation.model_selection.model_comparison import (
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
 #: A candidate is fitted if its score promises this share of what would be accepted: the score is a linear estimate.
-WORTH = 0.5
+PROMISING_SHARE = 0.5
 #: Trials of one candidate, and pairs of candidates, from which fits start.
-STARTS, PAIRS = 2, 2
+STARTS_PER_CANDIDATE, MOST_PAIRS = 2, 2
 #: Candidates that are fitted roughly: the best quick fits, and the best scores; and those that are fitted to the end.
-ROUGHLY, BEST_SCORES, FINALISTS = 6, 2, 3
+ROUGH_FITS, ROUGH_FITS_BY_SCORE, FINAL_FITS = 6, 2, 3
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
 GROSS_MISFIT = 30.0
 
@@ -94,7 +94,7 @@ def screen(
     for origin in (fit, *origins):
         screening = Screening(origin.solution, left, task.coarse)
         score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
-        starts += _starts(origin, screening, WORTH * max(score, SHARE * origin.excess))
+        starts += _starts(origin, screening, PROMISING_SHARE * max(score, SHARE * origin.excess))
 
     def quickly(start: _Start) -> Entry | None:
         task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
@@ -123,9 +123,9 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
-    best = entries[:ROUGHLY]
+    best = entries[:ROUGH_FITS]
     scores = sorted((e for e in entries if e.start.origin is fit), key=lambda e: -e.start.predicted_reduction)
-    return _best_by_names(task.each(roughly, [*best, *(e for e in scores[:BEST_SCORES] if e not in best)]))
+    return _best_by_names(task.each(roughly, [*best, *(e for e in scores[:ROUGH_FITS_BY_SCORE] if e not in best)]))
 
 
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
@@ -163,7 +163,7 @@ def forward(
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
-    singles, pairs, refused = _compete(task, fit, entries, WORTH * least)
+    singles, pairs, refused = _compete(task, fit, entries, PROMISING_SHARE * least)
     trials = _trials(task, fit, singles, score)
     # Effects that the best one is known to be taken for compete to the end.
     tried = [*refused, *(entry.names for entry in singles)]
@@ -174,7 +174,7 @@ def forward(
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
-        first = rank(trials)[:FINALISTS]
+        first = rank(trials)[:FINAL_FITS]
         trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
         trials += _trials(task, fit, pairs, score)
     return Step(best_of(task, trials), tuple(rank(trials)))
@@ -186,11 +186,11 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
     found = [
         _Start(origin, (each,))
         for directions in best
-        for each in directions[:STARTS]
+        for each in directions[:STARTS_PER_CANDIDATE]
         if each.predicted_reduction > enough
     ]
     most = best[0][0].predicted_reduction if best else 0.0
-    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(PAIRS) if predicted_gain > most + enough]
+    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(MOST_PAIRS) if predicted_gain > most + enough]
     return found + [_Start(origin, pair) for pair in pairs]
 
 
@@ -205,9 +205,9 @@ def _compete(
     candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
     singles = [entry for entry in candidates if len(entry.start.names) == 1]
     cost = singles[0].solution.cost if singles else fit.cost
-    cost -= WORTH * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
+    cost -= PROMISING_SHARE * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
     pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
-    return singles[:FINALISTS], pairs[:PAIRS], [entry.names for entry in roughly if entry not in candidates]
+    return singles[:FINAL_FITS], pairs[:MOST_PAIRS], [entry.names for entry in roughly if entry not in candidates]
 
 
 def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
@@ -276,7 +276,7 @@ def fit_candidate(
     """
     simulated, effort = (task.coarse, ROUGH) if roughly else (task.fine, FULL)
     model, effects = simulated(candidate.add(fit.model)), (*fit.effects, candidate)
-    starts = [model.replace(values) for values in candidate.trials[:ROUGHLY]]
+    starts = [model.replace(values) for values in candidate.trials[:ROUGH_FITS]]
     made = [found for start in starts if (found := fit_model(task, start, effects, effort=effort))]
     if not made:
         raise InputError(

@@ -15,7 +15,7 @@ from flexdesign.core.errors import InputError
 
 Array = NDArray[np.float64]
 #: Fewest samples from which a residual's correlation is judged: of fewer, Schwarz's criterion sees none below 0.33.
-SHORTEST = 30
+FEWEST_SAMPLES = 30
 #: Fewest samples in each record for a coefficient: Schwarz's criterion holds for many more samples than coefficients.
 SAMPLES_PER_COEFFICIENT = 6
 
@@ -172,7 +172,7 @@ class Autocorrelation:
 def estimate_autocorrelation(residual: Array) -> Autocorrelation:
     """Return the colour of a residual (n) by Burg's recursion, of order 10 log10(n) at most as in the `ar` of R."""
     n = len(residual)
-    reflections = burg([residual], int(10 * np.log10(n))) if n >= SHORTEST else np.zeros(0)
+    reflections = burg([residual], int(10 * np.log10(n))) if n >= FEWEST_SAMPLES else np.zeros(0)
     return Autocorrelation(Process(reflections, 1.0).coefficients, n)
 
 

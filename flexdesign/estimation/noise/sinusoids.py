@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 SIGNIFICANCE = 1e-3
 #: Share of its squares that fading must be worth, or noise that is not quite autoregressive lets a strong sinusoid seem
 #: to fade: where the amplitude changes by a sixth either way it is a hundredth.
-FADING = 0.01
+LEAST_FADING = 0.01
 #: Most sinusoids, and most peaks that are tried before each: what has more is no sinusoid with a few harmonics.
-MOST = 8
+MOST_SINUSOIDS = 8
 #: A sinusoid turns at least so often in the longest stretch: slower ones are drift, which the trends take out in part.
-FEWEST_TURNS = 6
+FEWEST_PERIODS = 6
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def remove_sinusoids(stretches: Sequence[Stretch], period: float) -> tuple[tuple
     any. All stretches have the same sampling period [s].
     """
     found, left = list[Sinusoid](), tuple(stretches)
-    while len(found) < MOST:
+    while len(found) < MOST_SINUSOIDS:
         tested = (_test_peak(left, peak, period) for peak in _peaks(left, period))
         fit = next((fit for fit in tested if fit is not None), None)
         if fit is None:
@@ -83,11 +83,11 @@ def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
             record[s.first - begin : s.first - begin + len(s.values)] = s.residual
         power += np.abs(np.fft.rfft(record, length)) ** 2 / sum(len(s.values) for s in run)
     resolution = length / max(len(s.values) for s in stretches)
-    lowest = int(FEWEST_TURNS * resolution)
+    lowest = int(FEWEST_PERIODS * resolution)
     ratio = power / np.maximum(_local_median(power, 2 * lowest), np.finfo(float).tiny)
     median_ratio = gammainccinv(len(runs), 1 / len(power)) / gammaincinv(len(runs), 0.5)
     places = lowest + find_peaks(ratio[lowest:], height=median_ratio, distance=2 * resolution)[0]
-    places = places[np.argsort(-ratio[places])][:MOST]
+    places = places[np.argsort(-ratio[places])][:MOST_SINUSOIDS]
     before, at, after = power[places - 1], power[places], power[places + 1]
     vertices = places + 0.5 * (before - after) / (before - 2 * at + after)  # of parabolas
     return [float(vertex) / (length * period) for vertex in vertices]
@@ -114,7 +114,7 @@ def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit
     frequencies = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)
     is_noise = chdtrc(dof, max(fit.explained, 0.0)) * frequencies > SIGNIFICANCE
     fades = _fit(fit.without, frequency, period, process, fading=True).explained
-    dies_away = fades > FADING * fit.explained and chdtrc(dof, max(fades, 0.0)) < SIGNIFICANCE
+    dies_away = fades > LEAST_FADING * fit.explained and chdtrc(dof, max(fades, 0.0)) < SIGNIFICANCE
     return None if is_noise or dies_away else fit
 
 

@@ -32,12 +32,13 @@ from flexdesign.estimation.noise.autoregressive import Autocorrelation, estimate
 
 Array = NDArray[np.float64]
 #: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.
-CONFIDENCE, LEVEL = 0.95, 0.01
+CONFIDENCE, MISFIT_LEVEL = 0.95, 0.01
 #: A singular value of the scaled Jacobian below this share of the largest counts as zero: the simulator's error of
 #: 1e-7 over the relative change of 1e-3 by which central differences move the response.
-RANK = 1e-4
-#: A parameter takes part in a null direction with more than this weight: far above `RANK`, the error of a direction.
-TAKES_PART = 0.03
+RANK_TOLERANCE = 1e-4
+#: A parameter takes part in a null direction with more than this weight: far above `RANK_TOLERANCE`, the error of a
+#: direction.
+NULL_WEIGHT = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +91,11 @@ class Uncertainty:
 
     def in_null_space(self, j: int) -> bool:
         """Tell whether coordinate `j` takes part in the null space."""
-        return bool(np.any(np.abs(self.null_space[:, j]) > TAKES_PART))
+        return bool(np.any(np.abs(self.null_space[:, j]) > NULL_WEIGHT))
 
     def confounded_with(self, j: int) -> list[int]:
         """Return the coordinates that can replace `j` along its directions in the null space."""
-        shared = np.abs(self.null_space.T @ self.null_space[:, j]) > TAKES_PART**2
+        shared = np.abs(self.null_space.T @ self.null_space[:, j]) > NULL_WEIGHT**2
         return [i for i in np.flatnonzero(shared).tolist() if i != j and self.in_null_space(i)]
 
 
@@ -139,7 +140,7 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection))) + nuisance
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
     is_white = all(channel.autocorrelation.is_white for channel in channels)
-    is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
+    is_explained = is_white and pooled * dof < given * float(chdtri(dof, MISFIT_LEVEL))
     variance = given if is_explained else pooled
     variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
     # What is known of nuisance columns and of parameters counts with the variance that it states.
@@ -188,7 +189,7 @@ def _decompose(data: Array, prior: Array) -> tuple[Array, Array, Array]:
     length = np.sqrt(np.diag(data))
     length = np.where(length > 0, length, 1.0)
     strength, axes = np.linalg.eigh(data / np.outer(length, length))
-    seen = strength > RANK**2 * strength.max(initial=1e-300)
+    seen = strength > RANK_TOLERANCE**2 * strength.max(initial=1e-300)
     strength, axes = strength[seen], np.where(np.abs(axes) < 1e-9, 0.0, axes)[:, seen]
     projection = (axes / length[:, None]) @ (axes * length[:, None]).T
     root = np.vstack([np.sqrt(strength)[:, None] * (axes * length[:, None]).T, prior])

@@ -18,10 +18,10 @@ from flexdesign.estimation.uncertainty.profile_likelihood import Profile
 
 Array = NDArray[np.float64]
 #: An interval that covers this share of the plausible range, or of the prior, says nothing new: nearly all.
-TOO_WIDE = 0.9
+UNINFORMATIVE_WIDTH = 0.9
 #: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were
 #: known, would more than halve its interval, by sqrt(1 - 0.9^2).
-CORRELATED = 0.9
+HIGH_CORRELATION = 0.9
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class _Check:
             if not profile.low - width <= other[j] <= profile.high + width:
                 here, there = (_text(parameter, value(parameter, float(x[j]))) for x in (self.solution.x, other))
                 return f"{here} and {there} fit alike", None, ()
-        others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > CORRELATED]
+        others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > HIGH_CORRELATION]
         reason, interval = self.too_wide(j, profile)
         if not others or not (reason or (profile.corrected and self._are_undetermined(others))):
             return reason, interval, ()
@@ -144,10 +144,10 @@ class _Check:
         """Return why an interval says too little, and what it says nevertheless."""
         parameter, interval = self.parameters[j], self.interval(j, profile)
         known = self.where.known.get(parameter.name)
-        if known and self.sigma(j) > TOO_WIDE * known[1]:
+        if known and self.sigma(j) > UNINFORMATIVE_WIDTH * known[1]:
             return f"these runs add nothing to the prior, {_pair_text(parameter, known, ' ± ', known[1])}", None
         is_all = profile.open_low and profile.open_high
-        if is_all or profile.high - profile.low > TOO_WIDE * self.where.span[j]:
+        if is_all or profile.high - profile.low > UNINFORMATIVE_WIDTH * self.where.span[j]:
             nearly, plausible = "" if is_all else "nearly ", _pair_text(parameter, parameter.plausible)
             return f"these runs allow {nearly}all that is plausible, {plausible}", None if is_all else interval
         if profile.open_low or profile.open_high:

@@ -22,7 +22,7 @@ from flexdesign.estimation.uncertainty.covariance import Uncertainty
 Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
 #: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
-TRUSTED, ACCURACY = 0.1, 0.03
+COVARIANCE_TOLERANCE, PROFILE_ACCURACY = 0.1, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,19 +104,21 @@ class _Path:
                 increase, displacement = self.cost_increase(side * distance, met[nearest][1] * distance)
                 # Limited to one, so that the way is halved where the model fails; zero ends the search.
                 found = min(math.sqrt(max(increase, 0.0) / self.expected) - 1, 1.0)
-                is_end = abs(found) <= ACCURACY or self.better is not None  # from a better point the fit is repeated
+                is_end = (
+                    abs(found) <= PROFILE_ACCURACY or self.better is not None
+                )  # from a better point the fit is repeated
                 met[distance] = (0.0 if is_end else found, displacement / distance)
             return met[distance][0]
 
         # A long way is gone in steps, so that the others can follow where the valley bends.
         step = min(self.half, where.span[self.j] / 8)
-        if step == self.half <= room and abs(excess(step)) <= TRUSTED:
+        if step == self.half <= room and abs(excess(step)) <= COVARIANCE_TOLERANCE:
             return x + side * step, False, False
         inside = 0.0
         for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
             if excess(outside) >= 0:
                 return (
-                    x + side * float(brentq(excess, inside, outside, rtol=ACCURACY, maxiter=8, disp=False)),
+                    x + side * float(brentq(excess, inside, outside, rtol=PROFILE_ACCURACY, maxiter=8, disp=False)),
                     False,
                     True,
                 )
@@ -130,14 +132,14 @@ class _Path:
         the cost can only be too high: if it is, they are fitted with a Jacobian found there, which then serves further
         on.
         """
-        where, small = self.problem.where, ACCURACY * self.expected + self.floor
+        where, small = self.problem.where, PROFILE_ACCURACY * self.expected + self.floor
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
         x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
         others = self.problem.fixed(self.j, float(x[self.j]), x)
         found = solve(others, x[self.others], FOLLOWING, self.columns, small=small)
         if found is None:
             return math.inf, x - self.minimum.x
-        if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
+        if self._above_minimum(x, found) > (1 + COVARIANCE_TOLERANCE) ** 2 * self.expected and self.others.size:
             found = solve(others, found.x, Effort(2, 0.0, is_exact=False), found.columns(), small=small) or found
             self.columns = found.columns()
         increase = self._above_minimum(x, found)

@@ -9,7 +9,7 @@ from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
-from flexdesign.diagnosis.effect_selection.estimation_setup import FITS_BETTER
+from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.experiment_design import Resolved
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
@@ -181,7 +181,7 @@ def summary(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     if diagnosis.confidence:
         sentences.append(f"Take care: {diagnosis.confidence}.")
     remarks = {remark for run in diagnosis.runs for remark in run.remarks}
-    sentences += [f"Take care: {assumed}." for assumed in FITS_BETTER.values() if assumed in remarks]
+    sentences += [f"Take care: {assumed}." for assumed in INTERPOLATION_TEXTS.values() if assumed in remarks]
     return sentences
 
 

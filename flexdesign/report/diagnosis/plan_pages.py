@@ -11,7 +11,7 @@ from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
-from flexdesign.diagnosis.experiment_design.discrimination import PLAIN
+from flexdesign.diagnosis.experiment_design.discrimination import CLEAR_DIFFERENCE
 from flexdesign.diagnosis.experiment_design.signature import EffectResponse
 from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -65,8 +65,8 @@ def verdict(resolved: Resolved) -> str:
     first, second = (_display_name(effect) for effect in resolved.effects)
     if not resolved.proposed:
         return (
-            f"None of these experiments distinguishes {first} from {second}: none differs by more than {PLAIN:g} times "
-            "the sensor's noise. Record longer, average, or use a better sensor."
+            f"None of these experiments distinguishes {first} from {second}: none differs by more than "
+            f"{CLEAR_DIFFERENCE:g} times the sensor's noise. Record longer, average, or use a better sensor."
         )
     best = resolved.proposed[0]
     others = [_plain(each.command) for each in resolved.proposed[1:]]
