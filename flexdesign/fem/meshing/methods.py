@@ -60,8 +60,8 @@ STOUT_LAYERS = 4
 #: within the gate's 0.5 % line by line, and has three elements across the neck or more.
 EXTRUDED_NECK = (0.15, 0.12, 8e-4)
 UNSTRUCTURED_NECK = (0.18, 0.18, 3.5e-4)
-#: Edges at sharp roots of parts with curved necks, as a share of those of parts without: a few triangles more, 2 to 6 % of the
-#: unknowns, halve what the coarse meshes of some bridges leave open (2.0 % of K_in to 1.1 %).
+#: Edges at sharp roots of parts with curved necks, as a share of those of parts without: a few triangles more, 2 to 6 %
+#: of the unknowns, halve what the coarse meshes of some bridges leave open (2.0 % of K_in to 1.1 %).
 ROOTS_WITH_NECKS = 0.25
 #: Chord error at curved necks, in neck thicknesses, at most: profiles keep their area, so that two sides are off by two
 #: thirds of it each, together by 0.4 %, and the gate allows 0.5 %.
