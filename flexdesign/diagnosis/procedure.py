@@ -56,7 +56,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, select, select_otherwise
+from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
@@ -267,20 +267,16 @@ def search(
     steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
     if fits and fits[-1].exceeds_noise:  # the whole runs may have another minimum than a part of them
         fits[-1] = escape(task, fits[-1])
-    more = select(
+    steps, fits = select(
         task,
-        fits[-1] if fits else calibration,
+        calibration,
         every,
         MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES,
-        expansion_points=() if fits else begun.origins,
+        confirmed=(steps, fits),
+        expansion_points=begun.origins,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
-    if not data.runs:  # simulations of small sines cost little
-        more = select_otherwise(task, more, every, MOST_EFFECTS_OF_LINES)
-    if fits and more[1] and more[1][0].names == fits[-1].names:  # the same effects, which differ from run to run now
-        fits.pop()
-    steps, fits = [*steps, *more[0]], [*fits, *more[1]]
     return task, SelectionHistory(
         begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
     )

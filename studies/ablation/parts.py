@@ -81,7 +81,18 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_EFFECTS}.per_run_parameters", "vary_by_run", "lets strengths differ from run to run", _second),
     Part(f"{_SELECTION}.score_test", "Screening.pairs", "adds two effects in one step", lambda *_: []),
     Part(f"{_SELECTION}.stepwise_selection", "backward", "drops effects that later ones replace", _second),
-    Part(f"{_SELECTION}.stepwise_selection", "select_otherwise", "starts with another effect (beam search)", _second),
+    Part(
+        f"{_SELECTION}.stepwise_selection",
+        "replace_effects",
+        "replaces effects by alternatives (sequential replacement)",
+        lambda task, fit, steps: (list(steps), fit),
+    ),
+    Part(
+        f"{_SELECTION}.stepwise_selection",
+        "_without_imitations",
+        "names no imitation of a small effect",
+        lambda task, steps, fits: fits,
+    ),
     Part(
         f"{_SELECTION}.model_comparison",
         "confused_with",

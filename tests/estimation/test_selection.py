@@ -15,10 +15,10 @@ from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import stepwise_selection
 from flexdesign.estimation.model_selection.calibration import evaluate_design
-from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable
+from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable, replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
-from flexdesign.estimation.model_selection.model_comparison import Step, compare
+from flexdesign.estimation.model_selection.model_comparison import Step, bic_lead, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
     FINAL_FITS,
@@ -27,7 +27,6 @@ from flexdesign.estimation.model_selection.stepwise_selection import (
     backward,
     forward,
     select,
-    select_otherwise,
 )
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import (
@@ -458,23 +457,53 @@ def test_a_selection_stops_where_an_addition_made_itself_superfluous(monkeypatch
     assert [made.names for made in select(about, before, every, 1)[1]] == [("b",)]
 
 
-def test_another_first_effect_may_lead_farther() -> None:
-    """A mixture of all three explains most at first, and beside it the others are told apart no more."""
-    about = task({"a": 0.5, "b": 0.4, "c": 0.45})
-    mixture = candidate("m", {"a": 0.5, "b": 0.4, "c": 0.45, "other": 0.35}, signed=True)
-    every = [mixture, *effects()[:3]]
-    path = select(about, calibrated_stand(about), every[:2], 3)
-    assert path[1][0].names[0] == "m" and path[1][-1].exceeds_noise
-    steps, stands = select_otherwise(about, path, every, 3)
-    assert steps[0].chosen is not None and steps[0].chosen.names == ("a",)
-    assert steps[0].trials is path[0][0].trials
-    assert stands[0].names == ("a",) and {*stands[-1].names} == {"a", "b", "c"}
-    assert stands[-1].bic(1.0) < path[1][-1].bic(1.0) and not stands[-1].exceeds_noise
-    # Where only noise is left, or nothing was found, a path stays as it is.
-    right = (steps, stands)
-    assert select_otherwise(about, right, every, 3) is right
-    nothing = ([Step(None, ())], list[FittedModel]())
-    assert select_otherwise(about, nothing, every, 3) is nothing
+def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_added_since() -> None:
+    """A mixture of two explains most at first; with one of the two in the model, the other does better than it."""
+    about = task({"a": 0.3, "b": 0.3})
+    mixture = candidate("m", {"a": 0.5, "b": 0.5, "other": 0.3}, signed=True)
+    every = [mixture, *effects()[:2]]
+    first = forward(about, calibrated_stand(about), every)
+    assert first.chosen is not None and first.chosen.names == ("m",)
+    second = forward(about, first.chosen.fit, every)
+    assert second.chosen is not None
+    (added,) = second.chosen.names
+    other = "a" if added == "b" else "b"
+    steps, better = replace_effects(about, second.chosen.fit, [first, second])
+    assert {*better.names} == {"a", "b"} and not better.exceeds_noise
+    assert [step.chosen.names for step in steps if step.chosen] == [(other,), (added,)]
+    assert steps[0].trials is first.trials
+    assert bic_lead(better, second.chosen.fit) > INDISTINGUISHABLE * second.chosen.fit.discrepancy
+    # Two effects are all that the selection may add, and it finds the right ones.
+    steps, fits = select(about, calibrated_stand(about), every, 2)
+    assert [fit.names for fit in fits] == [better.names]
+    assert fits[-1].cost == pytest.approx(better.cost, rel=1e-6)
+
+
+def test_what_is_right_is_not_replaced() -> None:
+    """An effect that is alike explains as much by chance; of the right ones nothing is replaced."""
+    twin = candidate("f", {"b": 1.0, "f alone": 1e-3}, signed=True)
+    about, every = task({"b": 0.3, "e": -0.2}), [*effects()[:5], twin]
+    steps = steps_of(about, every)
+    assert {"f", "b"} & {name for trial in steps[0].trials for name in trial.names}
+    again, fit = replace_effects(about, final(steps), steps)
+    assert fit is final(steps) and [step.chosen for step in again] == [step.chosen for step in steps]
+
+
+def test_what_imitates_a_small_effect_is_not_named() -> None:
+    """Where the small one is in the model, nothing remains for the imitation to explain; what is needed stays."""
+    about, every = task({"b": 0.3, "c": 0.08}), effects()
+    imitation = candidate("m", {"c": 1.0, "other": 0.5}, signed=True)
+    needed, both = fit_with(about, every[1:2]), fit_with(about, [every[1], imitation])
+    larger = fit_with(about, [every[1], imitation, every[2]])
+    trial = compare(about, both, larger, ("c",), 10.0)
+    small = dataclasses.replace(trial, reason="moves the prediction by less than the tolerance", is_small=True)
+    for refused, names in ((small, [("b",)]), (dataclasses.replace(small, is_small=False), [("b",), ("b", "m")])):
+        last = Step(None, (refused,))
+        assert [fit.names for fit in stepwise_selection._without_imitations(about, [last], [needed, both])] == names
+    # Where nothing else was named, nothing is.
+    alone, with_small = fit_with(about, [imitation]), fit_with(about, [imitation, every[2]])
+    trial = dataclasses.replace(compare(about, alone, with_small, ("c",), 10.0), is_small=True)
+    assert stepwise_selection._without_imitations(about, [Step(None, (trial,))], [alone]) == []
 
 
 def test_a_fit_in_a_local_minimum_begins_again_with_the_threshold_on_either_side() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from flexdesign.estimation.criterion import cannot_tell_apart
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -12,7 +14,13 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_effects,
     with_values,
 )
-from flexdesign.estimation.model_selection.model_comparison import Step, is_indistinguishable
+from flexdesign.estimation.model_selection.model_comparison import (
+    Step,
+    Trial,
+    bic_lead,
+    is_indistinguishable,
+)
+from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Largest number of effects in a group of confounded effects.
 LARGEST_GROUP = 3
@@ -30,26 +38,61 @@ def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) ->
         for name in step.chosen.names if step.chosen else ():
             if name not in fit.names or any(name == group[0] for group in groups):
                 continue
-            others = {*step.chosen.names} - {name} if step.chosen else set[str]()
-            rivals = [trial for trial in step.rivals if others <= {*trial.names} and name not in trial.names]
             instead = [
-                other
-                for trial in rivals
-                for other in trial.names
-                if other not in {*others, *fit.names} and _does_as_well(task, fit, name, trial.fit, other)
+                other.name
+                for other, trial in _alternatives(step, step.rivals, name, fit)
+                if _does_as_well(task, fit, name, other, trial)
             ]
             if instead:
                 groups.append((name, *instead[: LARGEST_GROUP - 1]))
     return tuple(groups)
 
 
-def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, seen: FittedModel, other: str) -> bool:
-    """Tell whether an effect in the place of another explains as much."""
-    instead = next(effect for effect in seen.effects if effect.name == other)
-    effects = tuple(instead if effect.name == name else effect for effect in fit.effects)
-    task.progress(f"fitting with {other} in the place of {name}")
+def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], FittedModel]:
+    """Return the steps and the fit with alternatives in the place of effects (sequential replacement: Miller 2002).
+
+    What was added first may have imitated two effects at once. Each alternative that was accepted at its step is fitted
+    in its place with all that were added later; BIC must prefer it by more than what decides nothing.
+    """
+    steps = list(steps)
+    for k, step in enumerate(steps):
+        for name in step.chosen.names if step.chosen else ():
+            if name not in fit.names:
+                continue
+            accepted = [trial for trial in step.trials if not trial.reason]
+            made = [
+                (found, trial)
+                for other, trial in _alternatives(step, accepted, name, fit)
+                if (found := _in_place(task, fit, name, other, trial)) is not None
+            ]
+            best, chosen = max(made, key=lambda pair: bic_lead(pair[0], fit), default=(fit, step.chosen))
+            if not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy):
+                fit, steps[k] = best, replace(step, chosen=chosen)
+    return steps, fit
+
+
+def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedModel) -> list[tuple[Candidate, Trial]]:
+    """Return the effects that trials of a step have in the place of one that it added, and the trial of each."""
+    partners = {*(step.chosen.names if step.chosen else ())} - {name}
+    return [
+        (effect, trial)
+        for trial in trials
+        for effect in trial.fit.effects
+        if {*trial.names} == {*partners, effect.name} and effect.name not in fit.names
+    ]
+
+
+def _in_place(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> FittedModel | None:
+    """Return the fit with another effect in the place of one, from the values that it had in a trial."""
+    effects = tuple(other if effect.name == name else effect for effect in fit.effects)
+    task.progress(f"fitting with {other.name} in the place of {name}")
     model = with_effects(task.bare(fit.model), effects)
-    made = fit_model(task, with_values(with_values(model, seen.model), fit.model), effects)
+    return fit_model(task, with_values(with_values(model, trial.fit.model), fit.model), effects)
+
+
+def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> bool:
+    """Tell whether an effect in the place of another explains as much."""
+    made = _in_place(task, fit, name, other, trial)
     if made is not None and fit.exceeds_noise and not is_indistinguishable(fit, made):
         made = escape(task, made)
     return made is not None and is_indistinguishable(fit, made)

@@ -1,4 +1,4 @@
-"""Selection of effects: forward one or two at a time, with backward elimination (stepwise regression).
+"""Selection of effects: forward one or two at a time, with backward elimination and replacement (stepwise regression).
 
 Candidates are many and fits are expensive. They compete in rounds (successive halving: Jamieson and Talwalkar 2016).
 All that promise enough take steps with the Jacobian that is known; the best of them are fitted roughly; the finalists
@@ -18,6 +18,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
+from flexdesign.estimation.model_selection.confounding import replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -30,7 +31,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
     Step,
     Trial,
     best_of,
-    bic_lead,
     compare,
     confused_with,
     rank,
@@ -312,11 +312,12 @@ def select(
     candidates: Sequence[Candidate],
     most: int,
     *,
+    confirmed: tuple[Sequence[Step], Sequence[FittedModel]] = ((), ()),
     expansion_points: Sequence[FittedModel] = (),
     vary_step: Callable[[FittedModel, Step], Step] = lambda _, step: step,
     vary: Callable[[FittedModel], FittedModel] = lambda fit: fit,
 ) -> tuple[list[Step], list[FittedModel]]:
-    """Return the steps of a selection, and the fit after each that added an effect.
+    """Return the steps of a selection, and the fits with the effects that stay, each with further ones.
 
     Parameters
     ----------
@@ -326,6 +327,8 @@ def select(
         The catalogue.
     most
         Largest number of effects.
+    confirmed
+        Steps that are known already, and the fits after them.
     expansion_points
         See `forward`; used at the first step.
     vary_step, vary
@@ -333,22 +336,28 @@ def select(
         Of a fit that is asked when nothing more can be added: an effect that is missing may show in each run as another
         strength of one that is there.
     """
-    steps, fits = list[Step](), list[FittedModel]()
+    steps, fits = list(confirmed[0]), list(confirmed[1])
     while True:
-        made = None
+        fit, made = fits[-1] if fits else fit, None
         if len(fit.effects) < most:
             steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points)))
             made = _with_step(task, fit, steps[-1])
             if made is None:
                 steps[-1] = replace(steps[-1], chosen=None)
+            elif len(made.effects) > 1:
+                steps, made = _replace(task, steps, made)
         if made is None:
             made = vary(fit)
             if made is fit:
                 break
-            fits = fits[:-1]
-        fit = made
-        fits.append(fit)
-    return steps, fits
+        fits = _nested([*fits, made])
+    return steps, _without_imitations(task, steps, fits)
+
+
+def _nested(fits: Sequence[FittedModel]) -> list[FittedModel]:
+    """Return those of some fits whose effects are all in the last one; of fits with the same effects, the last."""
+    by_effects = {frozenset(fit.names): fit for fit in fits if {*fit.names} <= {*fits[-1].names}}
+    return list(by_effects.values())
 
 
 def _with_step(task: EstimationTask, fit: FittedModel, step: Step) -> FittedModel | None:
@@ -360,26 +369,25 @@ def _with_step(task: EstimationTask, fit: FittedModel, step: Step) -> FittedMode
     return None if {*made.names} == {*fit.names} else made  # what was added made itself superfluous
 
 
-def select_otherwise(
-    task: EstimationTask,
-    path: tuple[list[Step], list[FittedModel]],
-    candidates: Sequence[Candidate],
-    most: int,
-) -> tuple[list[Step], list[FittedModel]]:
-    """Return the best of the selections that start with another effect accepted at the first step (beam search).
+def _replace(task: EstimationTask, steps: list[Step], fit: FittedModel) -> tuple[list[Step], FittedModel]:
+    """Return a fit whose effects are the best of what was accepted at their steps, and the steps that chose so."""
+    changed, made = replace_effects(task, fit, steps)
+    return changed, fit if made is fit else backward(task, made, made.names)
 
-    Two lags may imitate a delay, and no addition to the first lag ever shows that.
+
+def _without_imitations(task: EstimationTask, steps: Sequence[Step], fits: list[FittedModel]) -> list[FittedModel]:
+    """Return the fits without effects that imitate a small one.
+
+    Such an effect loses its evidence once the small one is in the model, which moves the prediction too little to be
+    named itself.
     """
-    steps, fits = path
-    if not fits:
-        return path
-    best = fits[-1]
-    for trial in steps[0].trials:
-        if not best.exceeds_noise:
-            break
-        if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
+    for trial in steps[-1].trials if fits and steps else ():
+        if not trial.is_small or not {*fits[-1].names} <= {*trial.fit.names}:
             continue
-        more, made = select(task, trial.fit, candidates, most)
-        if made and bic_lead(made[-1], best) > 0:
-            path, best = ([replace(steps[0], chosen=trial), *more], [trial.fit, *made]), made[-1]
-    return path
+        kept = backward(task, trial.fit, fits[-1].names).names
+        rest = tuple(effect for effect in fits[-1].effects if effect.name in kept)
+        if len(rest) == len(fits[-1].effects):
+            continue
+        made = refit(task, fits[-1], rest) if rest else None
+        return [] if made is None else _nested([*fits, made])
+    return fits
