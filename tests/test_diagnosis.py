@@ -21,7 +21,7 @@ from scipy.signal import lfilter, lsim
 
 from flexdesign import effects
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis import Diagnosis, add_effect, diagnose, procedure
+from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis import verdict as judgement
 from flexdesign.diagnosis.effect_selection.basis_functions import BasisFunctions
 from flexdesign.diagnosis.effect_selection.candidates import candidates
@@ -280,20 +280,6 @@ def test_what_explains_all_but_with_numbers_at_their_ends_is_stated() -> None:
     assert found.remainder_rms == pytest.approx(math.sqrt(MUCH - 1) * NOISE)
     explained = "coulomb_friction would explain it with coulomb_friction.level at the end of what is plausible"
     assert found.remainder == f"31.6 times the noise remains; {explained}"
-
-
-def test_a_confirmed_effect_that_differs_from_run_to_run_is_one_level(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a part of long runs showed is confirmed by all of them, and then has a strength in each: not two effects."""
-    common, by_run, other = (
-        SimpleNamespace(names=names, exceeds_noise=False) for names in (("drift",), ("drift",), ("drift", "creep"))
-    )
-    begun = SimpleNamespace(task=None, calibrated=None, nominal=None, origins=(), undetermined=(), is_refused=False)
-    monkeypatch.setattr(procedure, "calibrate_task", lambda *_: begun)
-    monkeypatch.setattr(procedure, "_confirm", lambda *_: (["confirmed"], [common]))
-    for more, expected in (([by_run], (by_run,)), ([other], (common, other)), ([], (common,))):
-        monkeypatch.setattr(procedure, "select", lambda *_, made=more, **__: (["selected"], made))
-        _, history = procedure.search(data(), None, None, lambda _: ())  # type: ignore[arg-type]
-        assert history.fits == expected and history.steps == ("confirmed", "selected")
 
 
 def test_of_two_effects_the_first_is_named_where_the_second_explains_little() -> None:

@@ -392,6 +392,18 @@ def test_the_package_reads_what_is_written(tmp_path: Path, lumped: bool) -> None
     assert answer.seed == cases.SEED and answer.validation_floor == pytest.approx(case.validation_floor, rel=1e-5)
 
 
+def test_a_square_of_the_voltage_is_stated_as_the_softer_stage_shows_it(tmp_path: Path) -> None:
+    """In metres of the table per square volt: the same force moves a softer mechanism further."""
+    text = (
+        'case = "x"\nkind = "pair"\nfloor = 0.1\nstroke = 100.0\n[base]\ngain = 1e-6\n[confusable]\n'
+        "[effect_to_noise]\n[effects.electrostriction]\nquadratic = 1e-3\n"
+    )
+    for softer, expected in (("", 1e-9), ("[effects.stiffness_loss]\nratio = 0.2\n", 1.25e-9)):
+        (tmp_path / "answer.toml").write_text(text + softer)
+        answer = folder.read_answer(tmp_path / "answer.toml")
+        assert answer.effects["electrostriction"]["quadratic"] == pytest.approx(expected)
+
+
 def test_the_demo_is_made_again_bit_for_bit(tmp_path: Path) -> None:
     assert demo.main(["--out", str(tmp_path)]) == 0
     kept = STUDIES / "hidden_effect_demo"

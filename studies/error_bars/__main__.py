@@ -14,7 +14,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache, default_folder
 from flexdesign.report import render
 from studies.error_bars import report, trial
-from studies.error_bars.designs import COUNT, SampledDesign, curved_designs, designs
+from studies.error_bars.designs import COUNT, SEED, SampledDesign, curved_designs, designs
 from studies.error_bars.findings import Case, judge
 
 OUT = Path("reports/error_bars")
@@ -28,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--designs", type=int, default=COUNT, metavar="N", help=f"only the first N of each {COUNT}")
     parser.add_argument("--method", choices=["extruded", "wild"], help="only this one, of leaves")
     parser.add_argument("--curved", action="store_true", help="only the designs with curved necks")
+    parser.add_argument("--seed", type=int, default=SEED, help="other designs, which no constant was chosen on")
     parser.add_argument("--fresh", action="store_true", help="solve again what is solved")
     parser.add_argument("--work", type=Path, help="folder of the single results; without it, in the cache")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the report")
@@ -36,11 +37,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.result:
         result = json.loads(given.result.read_text(encoding="utf-8"))
         return _write(report.cases_of(result), result, given.out)
-    asked = _select_cases(given.designs, given.method, curved=given.curved)
+    asked = _select_cases(given.designs, given.method, curved=given.curved, seed=given.seed)
     try:
         render.prepare(given.out)
         store = Cache(default_folder())
         work = given.work or store.folder / "error_bars"
+        work = work if given.seed == SEED else work / f"seed-{given.seed}"
         if given.fresh:
             trial.forget(work)
         cases, began = [], perf_counter()
@@ -60,12 +62,14 @@ def _write(cases: Sequence[Case], result: dict[str, Any], out: Path) -> int:
     return 0 if _estimates_hold(cases) else 1
 
 
-def _select_cases(count: int, method: trial.Method | None, *, curved: bool) -> list[tuple[SampledDesign, trial.Method]]:
+def _select_cases(
+    count: int, method: trial.Method | None, *, curved: bool, seed: int = SEED
+) -> list[tuple[SampledDesign, trial.Method]]:
     """Return designs and methods: those with leaves by every method, those with curved necks by extruded meshes."""
     methods: tuple[trial.Method, ...] = () if curved else (method,) if method else ("extruded", "wild")
-    asked = [(d, how) for how in methods for d in designs()[:count] if how == "extruded" or d.is_unstructured]
+    asked = [(d, how) for how in methods for d in designs(seed)[:count] if how == "extruded" or d.is_unstructured]
     if not method:
-        asked += [(sample, "extruded") for sample in curved_designs()[:count]]
+        asked += [(sample, "extruded") for sample in curved_designs(seed)[:count]]
     return asked
 
 

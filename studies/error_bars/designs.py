@@ -1,4 +1,4 @@
-"""Which bridge amplifiers are solved: drawn once and for all from the ranges in which they are built.
+"""Which bridge amplifiers are solved: drawn from a seed, out of the ranges in which they are built.
 
 Half of them have leaves, sharp or rounded, half curved necks: right-circular notches, declared by their radius or as
 two fillets, and leaves whose fillets take most of their length.

@@ -156,7 +156,8 @@ def read_answer(path: Path) -> Answer:
     um = 1e-6
     effects = {name: dict(values) for name, values in stated.get("effects", {}).items()}
     if "electrostriction" in effects:  # the package states it as displacement per voltage squared [m/V^2]
-        effects["electrostriction"]["quadratic"] *= stated["base"]["gain"]
+        softer = 1.0 - effects.get("stiffness_loss", {}).get("ratio", 0.0)  # moves the table further
+        effects["electrostriction"]["quadratic"] *= stated["base"]["gain"] / softer
     return Answer(
         stated["case"],
         stated["kind"],

@@ -489,6 +489,19 @@ def test_what_is_right_is_not_replaced() -> None:
     assert fit is final(steps) and [step.chosen for step in again] == [step.chosen for step in steps]
 
 
+def test_a_selection_goes_on_from_confirmed_steps() -> None:
+    """A fit with the same effects, whose strengths differ from run to run now, takes the place of the confirmed one."""
+    about, every = task({"b": 0.3, "e": -0.2}), effects()
+    before, known = calibrated_stand(about), fit_with(about, every[1:2])
+    first = forward(about, before, every[1:2])
+    steps, fits = select(about, before, every, 2, confirmed=([first], [known]))
+    assert [fit.names for fit in fits] == [("b",), ("b", "e")] and fits[0] is known and steps[0] is first
+    by_run = dataclasses.replace(known, model=known.model)
+    _, fits = select(about, before, [], 2, confirmed=([first], [known]), vary=lambda _: by_run)
+    assert fits == [by_run]
+    assert select(about, before, [], 2, confirmed=([first], [known]))[1] == [known]
+
+
 def test_what_imitates_a_small_effect_is_not_named() -> None:
     """Where the small one is in the model, nothing remains for the imitation to explain; what is needed stays."""
     about, every = task({"b": 0.3, "c": 0.08}), effects()
