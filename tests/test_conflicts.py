@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Parameter
-from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, explains
+from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, conflicts, explains
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
+from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
@@ -148,3 +150,24 @@ def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float
     # The case itself believes whatever the data say.
     values = {p.name: p.start or 0.0 for p in fit.model.parameters() if p.run}
     assert all(value == pytest.approx(late, abs=0.1) for value in values.values())
+
+
+@pytest.mark.parametrize(("alpha", "found"), [(1.0, ()), (0.2, ("sensor_gain",))])
+def test_a_gain_that_a_spring_of_its_own_makes_up_for_is_no_conflict(alpha: float, found: tuple[str, ...]) -> None:
+    """Mode and spring share the stiffness: with half of it each, a gain twice as large is that of the design."""
+    design = AxisModel(30.0, 0.02, 1e-6)
+    values = {"natural_frequency": 30.0 / math.sqrt(2), "gain": 1.9e-6}
+    spring = {"hysteretic_spring": {"alpha": alpha, "gamma": 1e3, "delta": 0.0, "n": 1.0}}
+    axis = dataclasses.replace(design, **values, effects=spring)
+    parameters = [parameter(name, value, 0.01 * value, 100 * value) for name, value in values.items()]
+    names = [p.name for p in parameters]
+    where = SimpleNamespace(names=names, parameters=parameters, known={}, values=lambda _: values)
+    problem = SimpleNamespace(where=where)
+    solution = SimpleNamespace(
+        problem=problem, x=np.array([*values.values()]), covariance=np.diag([1e-6, 1e-18]), residuals=()
+    )
+    fit: Any = SimpleNamespace(model=AxisDynamics("x", axis), solution=solution, discrepancy=1.0)
+    about: Any = SimpleNamespace(
+        known={"gain": (1e-6, 0.1e-6)}, axis=design, is_loaded=False, is_at_stack=False, coarse_step=None
+    )
+    assert tuple(name for each in conflicts(about, fit) for name in each.group) == found

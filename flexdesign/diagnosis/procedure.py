@@ -28,6 +28,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
     simulating,
     with_beginnings,
 )
+from flexdesign.diagnosis.effect_selection.linear_system import is_better_linear
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
 from flexdesign.diagnosis.preparation import periodic_disturbances
@@ -46,7 +47,6 @@ from flexdesign.estimation.model_selection.determination import drop_undetermine
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    escape,
     fit_model,
     predict_tests,
     refine,
@@ -54,6 +54,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_values,
 )
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
+from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
 from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, select
@@ -123,7 +124,7 @@ def diagnose(
         progress("looking at the residual")
         left = _sparse_model(data, task, history.final)
         verdict, named = decide(
-            data, history, left, partial(_is_better_smooth, data, task), partial(relevant_ends, task)
+            data, history, left, partial(_is_better_without_physics, data, task), partial(relevant_ends, task)
         )
         named, fixed = drop_undetermined(task, named)
         if verdict == "effects-found" and not named.effects:
@@ -143,6 +144,8 @@ def diagnose(
         found = reach_verdict(
             model, data, history, left, verdict, error_ladder, groups, beyond, implied_effects, alone, by_run
         )
+        if verdict == "unknown" and is_better_linear(data, history.calibration, history.final):
+            found = replace(found, remainder=f"{found.remainder}; {LINEAR_IS_BETTER}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
@@ -168,6 +171,13 @@ def catalogue(
         swings="natural_frequency" in fit.solution.problem.where.names,
         band=None if data.runs else data.band,
     )
+
+
+#: What a remainder is said to look like where nonlinear effects only imitate linear dynamics.
+LINEAR_IS_BETTER = (
+    "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
+    "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,6 +310,11 @@ def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> t
         fits.append(fit)
         confirmed.append(replace(step, chosen=trial))
     return confirmed, fits
+
+
+def _is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether a linear system or smooth functions explain more in the place of the effects of a fit."""
+    return is_better_linear(data, base, fit) or _is_better_smooth(data, task, base, fit)
 
 
 def _is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:

@@ -42,22 +42,22 @@ def decide(
     data: DiagnosisData,
     history: SelectionHistory,
     left: SparseModel,
-    is_better_smooth: Callable[[FittedModel, FittedModel], bool],
+    is_better_without_physics: Callable[[FittedModel, FittedModel], bool],
     ends: Callable[[FittedModel], Sequence[str]] = FittedModel.at_bound,
 ) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
     In an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
     last one that is named, in mean squares: of a large and certain share one may speak, whatever else the model lacks.
-    And the smooth functions that describe the remainder must not do better in the place of the effects, which would
-    then be an approximation of something else.
+    And neither a linear system nor the smooth functions that describe the remainder must do better in the place of the
+    effects, which would then be an approximation of something else.
 
     Parameters
     ----------
     data, history, left
         What was diagnosed, how it went, and what smooth functions explain of the residual of the last fit.
-    is_better_smooth
-        Tells for the calibrated model and one with effects whether smooth functions do better than these.
+    is_better_without_physics
+        Tells for the calibrated model and one with effects whether what is no physics does better than these.
     ends
         Returns the numbers of a fit that are at the end of what is plausible, where that speaks against it.
     """
@@ -68,7 +68,7 @@ def decide(
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
     for named in range(len(every) - 1, 0, -1):
         is_large = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
-        if is_large and not ends(every[named]) and not is_better_smooth(every[0], every[named]):
+        if is_large and not ends(every[named]) and not is_better_without_physics(every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", history.calibration
 

@@ -87,6 +87,13 @@ def response(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Complex
     return total
 
 
+def added_stiffness(chain: AxisChain) -> float:
+    """Return the stiffness that forces on the table have for small motions about rest, over that of the main mode."""
+    still = np.zeros(1)
+    forces = chain.blocks(Socket.FORCE)
+    return -float(sum(_of(block, values, still, 0.0, 0.0)[0].real for block, values in forces))
+
+
 def _continuous(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Complex:
     passed = np.exp(-2j * math.pi * frequency * about.delay)
     at, size = about.bias, abs(about.amplitude)

@@ -26,4 +26,5 @@ EFFECT = Effect(
     parameters=(Parameter("linear", "1", "%", "arm times rotation per other motion", 0.0, 0.01, (-0.3, 0.3)),),
     faces=(Disturbance(reading, columns=(OTHER,)),),
     confused_with=("cross_coupling", "sensor_misalignment", "pair_mismatch"),
+    is_linear=True,
 )

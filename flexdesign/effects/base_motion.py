@@ -48,4 +48,5 @@ EFFECT = Effect(
     ),
     faces=(Block(Socket.ACTUATOR, states=("t",), constants=constants, move=move),),
     confused_with=("mains_hum", "second_mode"),
+    is_linear=True,
 )

@@ -95,4 +95,5 @@ EFFECT = Effect(
         ),
     ),
     confused_with=("bouc_wen", "sensor_drift", "thermal_expansion", "structural_damping"),
+    is_linear=True,
 )

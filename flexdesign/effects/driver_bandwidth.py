@@ -43,4 +43,5 @@ EFFECT = Effect(
         ),
     ),
     confused_with=("transport_delay", "sensor_bandwidth"),
+    is_linear=True,
 )

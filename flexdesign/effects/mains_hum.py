@@ -35,4 +35,5 @@ EFFECT = Effect(
     ),
     faces=(Disturbance(reading),),
     confused_with=("base_motion",),
+    is_linear=True,
 )

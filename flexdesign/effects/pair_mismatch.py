@@ -32,4 +32,5 @@ EFFECT = Effect(
     parameters=(Parameter("ratio", "1", "%", "motion per motion of the other axis", 0.0, 0.01, (-0.3, 0.3)),),
     faces=(Disturbance(reading, columns=(OTHER,)),),
     confused_with=("cross_coupling", "abbe_error", "sensor_misalignment"),
+    is_linear=True,
 )

@@ -34,4 +34,5 @@ EFFECT = Effect(
     parameters=(Parameter("ratio", "1", "%", "added mass over moving mass", 0.0, 0.05, (0.0, 3.0)),),
     faces=(Adjust(apply),),
     confused_with=("stiffness_loss",),
+    is_linear=True,
 )

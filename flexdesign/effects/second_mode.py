@@ -41,4 +41,5 @@ EFFECT = Effect(
     ),
     faces=(Resonance(mode),),
     confused_with=("driver_bandwidth", "sensor_bandwidth", "payload_mass"),
+    is_linear=True,
 )

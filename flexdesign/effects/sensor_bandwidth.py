@@ -38,4 +38,5 @@ EFFECT = Effect(
         ),
     ),
     confused_with=("transport_delay", "driver_bandwidth"),
+    is_linear=True,
 )

@@ -29,4 +29,5 @@ EFFECT = Effect(
     ),
     faces=(),
     confused_with=("transport_delay", "sensor_bandwidth"),
+    is_linear=True,
 )

@@ -25,4 +25,5 @@ EFFECT = Effect(
     parameters=(Parameter("rate", "m/s", "nm/s", "change of the reading per time", 0.0, 1e-8, (-5e-6, 5e-6)),),
     faces=(Disturbance(reading),),
     confused_with=("creep", "thermal_expansion"),
+    is_linear=True,
 )

@@ -35,4 +35,5 @@ EFFECT = Effect(
     parameters=(Parameter("error", "1", "%", "excess of the reading, relative", 0.0, 0.01, (-0.3, 0.3)),),
     faces=(Block(Socket.SENSOR, mode="replace", constants=constants, move=move, transfer=transfer),),
     confused_with=("sensor_misalignment", "stiffness_loss"),
+    is_linear=True,
 )

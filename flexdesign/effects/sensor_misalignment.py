@@ -46,4 +46,5 @@ EFFECT = Effect(
         Disturbance(reading, columns=(OTHER,)),
     ),
     confused_with=("cross_coupling", "abbe_error", "pair_mismatch"),
+    is_linear=True,
 )

@@ -35,4 +35,5 @@ EFFECT = Effect(
     parameters=(Parameter("ratio", "1", "%", "stiffness lost, relative", 0.0, 0.05, (0.0, 0.9)),),
     faces=(Adjust(apply),),
     confused_with=("payload_mass",),
+    is_linear=True,
 )

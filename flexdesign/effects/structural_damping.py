@@ -83,4 +83,5 @@ EFFECT = Effect(
         ),
     ),
     confused_with=("creep", "hysteretic_spring", "coulomb_friction"),
+    is_linear=True,
 )

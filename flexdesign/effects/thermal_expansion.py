@@ -28,4 +28,5 @@ EFFECT = Effect(
     parameters=(Parameter("coefficient", "m/K", "um/K", "reading per temperature", 0.0, 1e-6, (-1e-4, 1e-4)),),
     faces=(Disturbance(reading, columns=("T",)),),
     confused_with=("sensor_drift", "creep"),
+    is_linear=True,
 )

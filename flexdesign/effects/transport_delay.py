@@ -28,4 +28,5 @@ EFFECT = Effect(
     ),
     faces=(),
     confused_with=("driver_bandwidth", "sensor_bandwidth"),
+    is_linear=True,
 )

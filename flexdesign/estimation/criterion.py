@@ -14,7 +14,7 @@ Of several that pass, the one with the least BIC is *preferred*. Where BIC does 
 adequate, so that each is an approximation, one that predicts the validation runs better by that share comes before it.
 
 All added effects are *named* if the residual is noise. Else they are if they explain much compared with the residual,
-and if smooth functions do not explain more in their place.
+and if neither smooth functions nor a linear system explain more in their place.
 """
 
 from __future__ import annotations

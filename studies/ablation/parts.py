@@ -66,7 +66,8 @@ def _false(*_: object, **__: object) -> bool:
 
 
 PARTS: tuple[Part, ...] = (
-    Part(f"{_SELECTION}.fitted_model", "escape", "restarts fits that may be in a local minimum", _second),
+    Part(f"{_SELECTION}.restarts", "escape", "restarts fits that may be in a local minimum", _second),
+    Part(f"{_SELECTION}.restarts", "leave_out_worst", "restarts fits from one without the worst run", _second),
     Part(f"{_SELECTION}.fitted_model", "search_initial_states", "fits initial states from a grid", lambda t, d, m: m),
     Part(f"{_ESTIMATION}.least_squares.local_minima", "grid_initial_states", "tries initial states on a grid", _second),
     Part(f"{_ESTIMATION}.least_squares.levenberg_marquardt", "_Search._hold", "holds kinked initial states", _false),
@@ -107,6 +108,7 @@ PARTS: tuple[Part, ...] = (
     ),
     Part(f"{_SELECTION}.model_comparison", "_trace", "asks that a sinusoid shows by its line", lambda *_: math.inf),
     Part("flexdesign.diagnosis.procedure", "_is_better_smooth", "compares effects with smooth functions", _false),
+    Part(f"{_EFFECTS}.linear_system", "is_better_linear", "compares effects with a linear system", _false),
     Part(
         f"{_SELECTION}.sparse_residual_model",
         "sparse_model",

@@ -438,3 +438,17 @@ def test_hum_is_there_unless_other_disturbances_are_given() -> None:
     assert np.array_equal(*(simulate(stage, loops, PERIOD, substeps=2, disturbances=each).reading for each in ({}, {})))
     with pytest.raises(ValueError, match="as many values as the command"):
         simulate(stage, loops, PERIOD, disturbances={"x": hum[1:]})
+
+
+# --- superposition ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", effects.names())
+def test_linear_effects_are_those_that_keep_superposition(name: str) -> None:
+    """Twice the command gives twice the response; what adds to a reading in any case is taken out."""
+    idle, once, twice = (respond({name: start(name)}, k * COMMAND, substeps=4).reading[0] for k in (0, 1, 2))
+    deviation = np.abs((twice - idle) - 2 * (once - idle)).max() / np.abs(once).max()
+    if name == "cross_coupling":  # bends with the square of another axis, whose motion is the same here
+        assert deviation < 1e-9 and not effects.find(name).is_linear
+    else:
+        assert (deviation < 1e-9) == effects.find(name).is_linear, deviation

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from flexdesign.estimation.model_selection.fitted_model import escape, fit_model
+from flexdesign.estimation.model_selection import restarts
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import fit_model
+from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst
 from tests.estimation.play_problems import SEEDS, problem
 from tests.estimation.toys import Array
 
@@ -18,9 +23,9 @@ MISSED = 2.0
 
 @cache
 def ends(sigma: float) -> Array:
-    """Chi^2 less that of the global minimum, after one fit and after `escape`; and the threshold over the best one.
+    """Chi^2 less that of the global minimum, after one fit, `escape`, and `leave_out_worst`; and the escaped threshold.
 
-    Seeds by these three.
+    Seeds by these four; the threshold is over the best one.
     """
     found = []
     for seed in range(SEEDS):
@@ -30,7 +35,8 @@ def ends(sigma: float) -> Array:
         assert once is not None
         last = escape(about.task, once)
         reached = last.solution.problem.where.values(last.solution.x)["r"]
-        found.append([once.cost - least, last.cost - least, reached / threshold])
+        without = leave_out_worst(about.task, once)
+        found.append([once.cost - least, last.cost - least, without.cost - least, reached / threshold])
     return np.array(found)
 
 
@@ -41,14 +47,35 @@ def test_fits_that_escape_miss_one_global_minimum_in_five_at_most(sigma: float) 
     One fit from the same start misses a third to a half of them.
     """
     found = ends(sigma)
-    assert found[:, :2].min() > -1e-3  # no fit is better than the reference
-    once, escaped = (found[:, :2] > MISSED).sum(axis=0)
+    assert found[:, :3].min() > -1e-3  # no fit is better than the reference
+    once, escaped, without = (found[:, :3] > MISSED).sum(axis=0)
     assert once >= SEEDS / 3  # else the problems are too easy to tell anything
-    assert escaped <= SEEDS / 5
-    assert escaped < once
+    assert max(escaped, without) <= SEEDS / 5
+    assert max(escaped, without) < once
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.01])
 def test_a_miss_leaves_the_threshold_near_its_best(sigma: float) -> None:
     """A fit in a local minimum is in the one beside the global minimum, less than a tenth away."""
-    assert np.all(np.abs(np.log(ends(sigma)[:, 2])) < math.log(1.1))
+    assert np.all(np.abs(np.log(ends(sigma)[:, 3])) < math.log(1.1))
+
+
+def test_the_run_that_fits_worst_is_left_out_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two runs are too few to leave one out, and where nothing is better the fit stays."""
+    about, fitted, solve = problem(0, 0.01), list[list[str]](), restarts.solve_case
+
+    def noted(task: EstimationTask, *more: Any, **options: Any) -> Any:
+        fitted.append(task.identify.names)
+        return solve(task, *more, **options)
+
+    monkeypatch.setattr(restarts, "solve_case", noted)
+    once = fit_model(about.task, about.model, (about.effect,))
+    assert once is not None
+    sizes = [float(part @ part) / len(part) for part in once.solution.residuals]
+    worst = about.task.identify.names[int(np.argmax(sizes))]
+    better = leave_out_worst(about.task, once)
+    assert fitted[0] == [name for name in about.task.identify.names if name != worst]
+    assert leave_out_worst(about.task, better) is better
+    few = dataclasses.replace(about.task, identify=about.task.identify.part(about.task.identify.names[:2]))
+    of_two = fit_model(few, about.model, (about.effect,))
+    assert of_two is not None and leave_out_worst(few, of_two) is of_two

@@ -279,6 +279,8 @@ class Effect:
     is_hysteresis
         Whether it is the hysteresis that every piezo stack has, or replaces it: rising and falling voltage make a
         loop, however slow. A stage model of a stack without such an effect is said to assume none.
+    is_linear
+        Whether it leaves the response to the command linear: twice the command gives twice the response.
 
     Raises
     ------
@@ -298,6 +300,7 @@ class Effect:
     cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
     remedies: Mapping[str, str] = field(default_factory=dict, hash=False)
     is_hysteresis: bool = False
+    is_linear: bool = False
 
     def __post_init__(self) -> None:
         if unknown := [actuator for actuator in self.remedies if actuator not in ACTUATORS]:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Observation
+from flexdesign.diagnosis.effect_selection.linear_system import mode_response
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.signal_chain import exact_step
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
@@ -116,16 +116,8 @@ class BasisFunctions:
 
     def _through(self, force: Array, period: float) -> Array:
         """Return what a force over the stiffness does to the main mode, held between samples."""
-        from scipy.signal import lfilter
-
-        w = 2 * math.pi * self.model.axis.natural_frequency
-        a = w * np.array([[0.0, 1.0], [-1.0, -2 * self.model.axis.damping_ratio]])
-        passage = exact_step.step(a, w * np.array([0.0, 1.0]), period)
-        transition, held = passage.transition, passage.weights.sum(axis=1)
-        # Of the state space x' = F x + g u, y = x_0, as a difference equation.
-        trace, determinant = np.trace(transition), np.linalg.det(transition)
-        b1, b2 = held[0], transition[0, 1] * held[1] - transition[1, 1] * held[0]
-        return np.asarray(lfilter([0.0, b1, b2], [1.0, -trace, determinant], force - force[0]))
+        axis = self.model.axis
+        return mode_response(force, axis.natural_frequency, axis.damping_ratio, period)[0]
 
 
 def basis_functions_of(data: DiagnosisData, fit: FittedModel) -> BasisFunctions:

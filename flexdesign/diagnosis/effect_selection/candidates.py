@@ -15,7 +15,7 @@ from flexdesign import effects
 from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, of_catalogue
+from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, frequency_scale, of_catalogue
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -32,6 +32,8 @@ LATE_SENSOR = "sensor_delay"
 INERTIAL_EFFECTS = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
 NOISE_EFFECTS = ("quantisation",)
+#: Units of what is tried in proportion to the natural frequency.
+RATES = ("Hz", "V/s")
 #: In the band of frequency responses modes and lags are tried at this number of frequencies, delays at these fractions
 #: of a cycle of its highest frequency.
 FREQUENCIES_IN_BAND, DELAYS_IN_CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -209,6 +211,8 @@ def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[fl
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
     """Return a number of driver, sensor or controller with what the catalogue says of the effect that it represents."""
     scale = of_catalogue(catalogue, model.stroke, model.max_command)
+    if catalogue.si in RATES:
+        scale *= frequency_scale(model.first, model.highest)
     return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
 
 

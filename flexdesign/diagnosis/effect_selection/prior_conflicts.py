@@ -21,6 +21,8 @@ from flexdesign.diagnosis.effect_selection.candidates import SHOWN_BY_MASS
 from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
+from flexdesign.dynamics import spectrum
+from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, LARGE
@@ -68,11 +70,12 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
     """Return the numbers that moved beyond their prior."""
     where, covariance = fit.solution.problem.where, fit.solution.covariance
     values, found = where.values(fit.solution.x), []
+    with_forces = _with_forces(fit, values)
     free = {name: about for name, about in data.known.items() if name in where.names}
     for name, (middle, sigma) in free.items():
         j = where.names.index(name)
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
-        if abs(far) <= CONFLICT:
+        if min(abs(far), abs(with_forces.get(name, values[name]) - middle) / sigma) <= CONFLICT:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
         if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
@@ -96,6 +99,17 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
             found.append(Conflict(words, (), None, lambda model: model, name))
     more = (_delay_shift(data, fit), _quantisation(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
+
+
+def _with_forces(fit: FittedModel, values: Mapping[str, float]) -> dict[str, float]:
+    """Return natural frequency and gain as they show for small motions with the stiffness of added forces, if positive.
+
+    What was known of a stage may have counted the stiffness of a spring that an effect now states by itself.
+    """
+    model = cast(AxisDynamics, fit.model)
+    stiffer = max(1.0 + spectrum.added_stiffness(stages.chain(model.name, model.axis)), 1.0)
+    powers = {"natural_frequency": 0.5, "gain": -1.0}
+    return {name: values[name] * stiffer**power for name, power in powers.items() if name in values}
 
 
 def _structural(ratio: float) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Block, Effect, Observation, Parameter
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_parameters, axis_response
-from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER, with_payload, with_values
+from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER, observable_range, with_payload, with_values
 from flexdesign.dynamics.axis.axis_run import command_of, is_at_stack, smooth_way, span, without_amplifier
 from flexdesign.dynamics.signal_chain.chain import AxisChain
 from flexdesign.dynamics.signal_chain.step_count import Steps
@@ -56,8 +55,6 @@ TURNED_WITHIN = 2.0
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
-#: A mode that was known to be beyond what the samples show may be this much higher still.
-BEYOND = 1.2
 #: A record began within this of its first sample [s].
 TRIGGERED_WITHIN = (-0.02, 0.02)
 
@@ -139,23 +136,12 @@ class AxisDynamics:
         """
         numbers = {**self.axis.numbers, DELAY: self.delay}
         every = axis_parameters.of(self.first, self.axis, self.max_command)
-        made = [replace(p, start=numbers.get(p.name, p.start), **self._observable_range(p)) for p in every]
+        made = [
+            replace(p, start=numbers.get(p.name, p.start), **observable_range(p, self.first, self.highest))
+            for p in every
+        ]
         made = [replace(p, twin=p.name) if p.name in self.by_run else p for p in made]
         return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
-
-    def _observable_range(self, parameter: Parameter) -> dict[str, Any]:
-        """Return ranges without frequencies that the samples cannot show.
-
-        An undamped mode at the sampling rate would remember every step of a held command, and pass for hysteresis.
-        """
-        if parameter.name == "natural_frequency":
-            low, high = parameter.plausible
-            return {"plausible": (low, min(high, max(self.highest, BEYOND * self.first.natural_frequency)))}
-        owner, _, number = parameter.name.rpartition(".")
-        if number != "frequency" or owner.startswith("modes") or math.isinf(self.highest):
-            return {}
-        tried = tuple(value for value in parameter.screen if value < self.highest)
-        return {"plausible": (parameter.plausible[0], self.highest), "screen": tried}
 
     def _of_run(self, run: str, common: Sequence[Parameter]) -> Iterator[Parameter]:
         """Yield the numbers that a run has for itself; where it has none of its own they are those of all runs."""

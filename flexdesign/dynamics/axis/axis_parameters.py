@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from flexdesign import effects
-from flexdesign.core.model import Effect, Parameter
+from flexdesign.core.model import Effect, Parameter, Resonance
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.dynamics.stage_model import fields as units_of
 
@@ -24,6 +24,10 @@ TRIGGER = "trigger"
 LONGEST_DELAY = 0.05
 #: The stroke [m] and voltage [V] for which the catalogue states plausible values.
 CATALOGUE_STROKE, CATALOGUE_VOLTS = 1e-4, 100.0
+#: The natural frequency [Hz] for which the catalogue lists the frequencies of modes, amplifiers and sensors to try.
+CATALOGUE_FREQUENCY = 100.0
+#: A mode that was known to be beyond what the samples show may be this much higher still.
+BEYOND = 1.2
 
 
 def of(first: AxisModel, axis: AxisModel, max_command: float) -> list[Parameter]:
@@ -69,6 +73,41 @@ def of_effect(
         )
         made.append(replace(ranged, si=number.si, unit=number.unit))
     return made
+
+
+def observable_range(parameter: Parameter, first: AxisModel, highest: float) -> dict[str, Any]:
+    """Return the range and the trial values of a parameter without frequencies that the samples cannot show.
+
+    An undamped mode at the sampling rate would remember every step of a held command, and pass for hysteresis.
+
+    Parameters
+    ----------
+    parameter
+        One of those of `of`.
+    first
+        The numbers about which ranges are plausible.
+    highest
+        Highest frequency that the samples show [Hz].
+    """
+    if parameter.name == "natural_frequency":
+        low, high = parameter.plausible
+        return {"plausible": (low, min(high, max(highest, BEYOND * first.natural_frequency)))}
+    owner, _, number = parameter.name.rpartition(".")
+    if number != "frequency" or owner.startswith("modes"):
+        return {}
+    is_mode = any(isinstance(face, Resonance) for face in effects.find(owner).faces)
+    scale = frequency_scale(first, highest) if is_mode else 1.0  # the floor and the mains do not follow the stage
+    tried = tuple(value * scale for value in parameter.screen if value * scale < highest)
+    low, high = parameter.plausible
+    return {"plausible": (low, high if math.isinf(highest) else highest), "screen": tried}
+
+
+def frequency_scale(first: AxisModel, highest: float) -> float:
+    """Return by how much higher frequencies are tried on an axis than the catalogue lists them.
+
+    They go with the natural frequency; where the samples do not show that, with half of the highest they show.
+    """
+    return min(first.natural_frequency, 0.5 * highest) / CATALOGUE_FREQUENCY
 
 
 def of_catalogue(parameter: Parameter, stroke: float, max_command: float) -> float:

@@ -9,7 +9,6 @@ from flexdesign.estimation.criterion import cannot_tell_apart
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    escape,
     fit_model,
     with_effects,
     with_values,
@@ -20,6 +19,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     bic_lead,
     is_indistinguishable,
 )
+from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Largest number of effects in a group of confounded effects.

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
-from flexdesign.estimation.criterion import HALF_WIDTH, SHARE, is_undetermined
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
+from flexdesign.estimation.criterion import HALF_WIDTH, is_undetermined
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -282,60 +282,6 @@ def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = fr
     """Return a model at the values of another one that has its numbers, but for some."""
     values = {parameter.name: parameter.start for parameter in source.parameters() if parameter.name not in but}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
-
-
-# --- local minima ---------------------------------------------------------------------------------------------------
-
-#: Factors by which thresholds are moved at first: less is within the reach of derivatives.
-THRESHOLD_FACTORS = (1.1, 0.9)
-
-
-def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
-    """Return the best of fits restarted near one that may be in a local minimum (multistart).
-
-    Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
-    restart from other initial states, then with larger and smaller thresholds, each step twice as far as the last while
-    chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961).
-
-    Parameters
-    ----------
-    task, fit
-        The runs, and the fit.
-    names
-        Effects whose thresholds are moved; by default all.
-    """
-    model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
-    if model is not fit.model:
-        fit = _better(fit, fit_model(task, model, fit.effects, old=fit.solution.columns()))
-    moved = [effect for effect in fit.effects if names is None or effect.name in names]
-    for name in (name for effect in moved for name in effect.hidden):
-        task.progress(f"fitting with other values of {name}")
-        near = _nearby(task, fit, name)
-        if near is not None:
-            model = task.fine(near.problem.at(near.x))
-            made = fit_model(task, model, fit.effects, old=near.columns())
-            fit = _better(fit, made)
-    return fit
-
-
-def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
-    return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
-
-
-def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
-    """Return the best of rough fits that start with another value of a number; None where none is better."""
-    model, best = task.coarse(fit.model), None
-    cost = fit.solution.problem.cost_of(model, fit.solution.x)
-    if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change more than is sought
-        model, cost = fit.model, fit.cost
-    for factor in THRESHOLD_FACTORS:
-        while True:
-            value = next(p.start for p in model.parameters() if p.name == name)
-            rough = solve_case(task, model.replace({name: factor * (value or 0.0)}), fit.effects, effort=ROUGH)
-            if rough is None or rough.cost >= cost - fit.discrepancy:
-                break
-            best, cost, model, factor = rough, rough.cost, rough.problem.at(rough.x), factor**2
-    return best
 
 
 # --- differences of predictions -------------------------------------------------------------------------------------

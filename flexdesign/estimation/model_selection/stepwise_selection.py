@@ -22,7 +22,6 @@ from flexdesign.estimation.model_selection.confounding import replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    escape,
     fit_model,
     refit,
     solve_case,
@@ -35,6 +34,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     confused_with,
     rank,
 )
+from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
 #: A candidate is fitted if its score promises this share of what would be accepted: the score is a linear estimate.
@@ -346,6 +346,8 @@ def select(
                 steps[-1] = replace(steps[-1], chosen=None)
             elif len(made.effects) > 1:
                 steps, made = _replace(task, steps, made)
+            if made is not None and made.exceeds_noise:
+                made = leave_out_worst(task, made)
         if made is None:
             made = vary(fit)
             if made is fit:

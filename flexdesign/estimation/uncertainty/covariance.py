@@ -78,16 +78,21 @@ class Uncertainty:
     @property
     def half_width(self) -> Array:
         """Half-widths of the intervals of the coordinates."""
-        return self.quantile * np.sqrt(np.diag(self.covariance))
+        return self.quantile * self._deviations
 
     @property
     def correlation(self) -> Array:
         """Correlation matrix of the coordinates; rows without variance are zero off the diagonal."""
-        sigma = np.sqrt(np.diag(self.covariance))
-        sigma = np.where(sigma > 0, sigma, 1.0)
+        sigma = np.where(self._deviations > 0, self._deviations, 1.0)
         matrix = self.covariance / np.outer(sigma, sigma)
         np.fill_diagonal(matrix, 1.0)
         return np.asarray(matrix)
+
+    @property
+    def _deviations(self) -> Array:
+        """Standard deviations of the coordinates; infinite where the variance is lost in rounding."""
+        variance = np.diag(self.covariance)
+        return np.where(variance >= 0, np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
     def in_null_space(self, j: int) -> bool:
         """Tell whether coordinate `j` takes part in the null space."""

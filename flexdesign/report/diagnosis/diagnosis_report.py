@@ -213,7 +213,9 @@ def _effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> Section:
         f"Reference: {effect.reference}.",
     ]
     if named.values:
-        doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in named.values})
+        # The model states those that these runs do not determine as well.
+        stated = diagnosis.model.axes[diagnosis.axis].effects.get(named.name, {})
+        doubts = effect.cautions({**stated, **{v.parameter.name.rpartition(".")[2]: v.value for v in named.values}})
         text += [f"Take care: {doubt}." for doubt in doubts]
     title = f"What it is: {prose.effect_name(named.name)}"
     return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])

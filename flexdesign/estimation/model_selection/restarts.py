@@ -1,0 +1,95 @@
+"""Restarts of fits that may be in a local minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from flexdesign.estimation.criterion import SHARE
+from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH, Solution
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import (
+    FittedModel,
+    fit_model,
+    search_initial_states,
+    solve_case,
+)
+
+#: Runs that are fitted at least where one is left out.
+FEWEST_RUNS = 2
+#: Factors by which thresholds are moved at first: less is within the reach of derivatives.
+THRESHOLD_FACTORS = (1.1, 0.9)
+
+
+def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
+    """Return the best of fits restarted near one that may be in a local minimum (multistart).
+
+    Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
+    restart from other initial states, then with larger and smaller thresholds, each step twice as far as the last while
+    chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961).
+
+    Parameters
+    ----------
+    task, fit
+        The runs, and the fit.
+    names
+        Effects whose thresholds are moved; by default all.
+    """
+    model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
+    if model is not fit.model:
+        fit = _better(fit, fit_model(task, model, fit.effects, old=fit.solution.columns()))
+    moved = [effect for effect in fit.effects if names is None or effect.name in names]
+    for name in (name for effect in moved for name in effect.hidden):
+        task.progress(f"fitting with other values of {name}")
+        near = _nearby(task, fit, name)
+        if near is not None:
+            model = task.fine(near.problem.at(near.x))
+            made = fit_model(task, model, fit.effects, old=near.columns())
+            fit = _better(fit, made)
+    return fit
+
+
+def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
+    return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
+
+
+def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
+    """Return the best of rough fits that start with another value of a number; None where none is better."""
+    model, best = task.coarse(fit.model), None
+    cost = fit.solution.problem.cost_of(model, fit.solution.x)
+    if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change more than is sought
+        model, cost = fit.model, fit.cost
+    for factor in THRESHOLD_FACTORS:
+        while True:
+            value = next(p.start for p in model.parameters() if p.name == name)
+            rough = solve_case(task, model.replace({name: factor * (value or 0.0)}), fit.effects, effort=ROUGH)
+            if rough is None or rough.cost >= cost - fit.discrepancy:
+                break
+            best, cost, model, factor = rough, rough.cost, rough.problem.at(rough.x), factor**2
+    return best
+
+
+def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
+    """Return the best of fits restarted from one without the run that fits worst, as long as that helps.
+
+    A run in a wrong initial state of hysteresis moves all numbers away from where its right one would be found.
+
+    Parameters
+    ----------
+    task, fit
+        The runs, and the fit.
+    """
+    dataset = fit.solution.problem.dataset
+    if len(dataset.records) <= FEWEST_RUNS or not any(p.run and p.screen for p in fit.model.parameters()):
+        return fit
+    ratios = [float(part @ part) / len(part) for part in fit.solution.residuals]
+    worst = dataset.records[ratios.index(max(ratios))].observation.name
+    task.progress(f"fitting with {' and '.join(fit.names)}, without the run {worst} at first")
+    others = solve_case(
+        replace(task, identify=dataset.part([name for name in dataset.names if name != worst])), fit.model, fit.effects
+    )
+    if others is None:
+        return fit
+    made = fit_model(task, search_initial_states(task, dataset, others.problem.at(others.x)), fit.effects)
+    better = fit if made is None else escape(task, made, ())
+    return leave_out_worst(task, better) if _better(fit, better) is better and better is not fit else fit

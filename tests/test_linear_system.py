@@ -1,0 +1,106 @@
+"""The linear system that nonlinear effects are compared with, on a simulator of SciPy: a sensor of acceleration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import StateSpace, lsim
+
+from flexdesign.diagnosis import Diagnosis, diagnose
+from flexdesign.diagnosis.effect_selection import linear_system
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
+from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.noise.whitening import White
+from flexdesign.measurements.recordings import Run
+
+Array = NDArray[np.float64]
+FREQUENCY, DAMPING_RATIO = 12.7, 0.02
+PERIOD, SAMPLES, NOISE = 0.01, 1000, 2e-9
+GAIN = 1e-6
+
+
+def command(seed: int) -> Array:
+    """Random levels of four samples each [V]."""
+    return np.repeat(np.random.default_rng(seed).uniform(-1, 1, SAMPLES // 4), 4)
+
+
+def responses(force: Array) -> tuple[Array, Array]:
+    """Return position, and velocity over the angular frequency, of the mode under a held force, by SciPy."""
+    w = 2 * math.pi * FREQUENCY
+    a = w * np.array([[0.0, 1.0], [-1.0, -2 * DAMPING_RATIO]])
+    system = StateSpace(a, w * np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1))).to_discrete(PERIOD)
+    states = np.zeros((len(force), 2))
+    for k in range(len(force) - 1):
+        states[k + 1] = system.A @ states[k] + system.B[:, 0] * force[k]
+    return states[:, 0], states[:, 1]
+
+
+def run(name: str, role: str, seed: int) -> Run:
+    """A recording of the acceleration over the square of the angular frequency."""
+    u = command(seed)
+    position, velocity = responses(u - u[0])
+    acceleration = GAIN * (u - u[0] - position - 2 * DAMPING_RATIO * velocity)
+    x = acceleration + NOISE * np.random.default_rng([seed, 1]).standard_normal(SAMPLES)
+    time = PERIOD * np.arange(SAMPLES)
+    return Run(name, time, {"u": u, "x": x}, {"u": "V", "x": "m"}, "hold", role, between_is_stated=True)
+
+
+def test_the_mode_responds_as_by_scipy() -> None:
+    """Held forces by the discrete system; a slow force, nearly straight between samples, by `lsim`."""
+    force = command(4)
+    for found, expected in zip(
+        linear_system.mode_response(force, FREQUENCY, DAMPING_RATIO, PERIOD), responses(force - force[0]), strict=True
+    ):
+        assert found == pytest.approx(expected, abs=1e-9)
+    time = 1e-4 * np.arange(2000)
+    slow, w = np.sin(2 * math.pi * 3 * time), 2 * math.pi * FREQUENCY
+    position, _ = linear_system.mode_response(slow, FREQUENCY, DAMPING_RATIO, 1e-4)
+    _, expected, _ = lsim(([w**2], [1.0, 2 * DAMPING_RATIO * w, w**2]), slow, time)
+    assert position == pytest.approx(expected, abs=0.01)
+
+
+def test_the_linear_system_leaves_the_noise() -> None:
+    """Started a fifth off; chi^2 of 2,000 values with noise, less eight numbers, to four standard errors."""
+    model = AxisDynamics("x", AxisModel(FREQUENCY, DAMPING_RATIO, GAIN), max_command=1.0)
+    runs = [run("one", "identify", 1), run("two", "identify", 2)]
+    dataset = Dataset(runs, White(NOISE), lambda observation: (np.ones((SAMPLES, 1)), np.array([math.inf])))
+    chi2 = linear_system._chi2(dataset, model, 1.2 * FREQUENCY, 0.1)
+    assert chi2 == pytest.approx(2 * SAMPLES, abs=4 * math.sqrt(4 * SAMPLES))
+
+
+def diagnosed() -> Diagnosis:
+    axis = AxisModel(12.0, 0.05, GAIN, actuator=ActuatorData(free_stroke=GAIN, voltage_range=(-1.0, 1.0)))
+    axis = replace(axis, uncertainty={"natural_frequency": 0.5, "gain": 1.0, "damping_ratio": 1.0})
+    return diagnose(StageModel({"x": axis}), [run("one", "identify", 1), run("two", "validate", 2)])
+
+
+def test_no_nonlinear_effect_is_named_where_a_linear_system_explains_more() -> None:
+    found = diagnosed()
+    assert found.verdict == "unknown" and found.effects == ()
+    assert not all(linear_system.effects.find(name).is_linear for name in found.possible_effects)
+    assert "a linear system of second order explains more" in found.remainder
+
+
+def test_linear_effects_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    from types import SimpleNamespace
+
+    monkeypatch.setattr(linear_system, "_chi2", lambda *_: 0.0)
+    axis = SimpleNamespace(natural_frequency=1.0, damping_ratio=0.1)
+    data = SimpleNamespace(runs=(1,), responses=(), axis=axis)
+    base = SimpleNamespace(model=SimpleNamespace(axis=axis))
+
+    def better(*names: str, **more: object) -> bool:
+        solution = SimpleNamespace(problem=SimpleNamespace(dataset=None))
+        fit = SimpleNamespace(names=names, fitted_chi2=1.0, solution=solution)
+        return linear_system.is_better_linear(
+            cast(linear_system.DiagnosisData, SimpleNamespace(**{**vars(data), **more})), base, fit
+        )  # type: ignore[arg-type]
+
+    assert better("creep", "coulomb_friction") and not better("creep", "second_mode")
+    assert not better("coulomb_friction", runs=()) and not better("coulomb_friction", responses=(1,))

@@ -1,0 +1,77 @@
+"""A diagnosis does not hang on the unit of time: a stage at 5 Hz or 5 kHz gets the answer of one at 100 Hz."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from flexdesign.core.model import Parameter
+from flexdesign.diagnosis import diagnose
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.diagnosis.effect_selection.linear_system import mode_response
+from flexdesign.dynamics.axis import axis_parameters
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
+from flexdesign.measurements.recordings import Run
+
+GAIN, VOLTS, NOISE, SAMPLES = 1e-6, 50.0, 20e-9, 1500
+#: The hidden mode: share of the static response, frequency over that of the main one, damping ratio.
+SHARE, RATIO, DAMPING_RATIO = 0.06, 2.3, 0.015
+SPEEDS = (0.05, 1.0, 50.0)
+
+
+def run(frequency: float, role: str, seed: int) -> Run:
+    """A held random command, at ten samples in a period of the main mode."""
+    rng, period = np.random.default_rng(seed), 0.1 / frequency
+    u = VOLTS * np.repeat(rng.uniform(0, 1, SAMPLES // 5), 5)
+    main, second = (
+        mode_response(u, f, zeta, period)[0] for f, zeta in ((frequency, 0.03), (RATIO * frequency, DAMPING_RATIO))
+    )
+    x = GAIN * ((1 - SHARE) * main + SHARE * second) + NOISE * rng.standard_normal(SAMPLES)
+    time = period * np.arange(SAMPLES)
+    return Run(f"run{seed}", time, {"u": u, "x": x}, {"u": "V", "x": "m"}, "hold", role, between_is_stated=True)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_a_second_mode_is_found_at_any_speed(speed: float) -> None:
+    frequency = 100.0 * speed
+    actuator = ActuatorData(free_stroke=GAIN * VOLTS, voltage_range=(0.0, VOLTS))
+    uncertainty = {"natural_frequency": 0.05, "gain": 0.1, "damping_ratio": 1.0}
+    axis = AxisModel(1.01 * frequency, 0.03, 1.02 * GAIN, actuator=actuator, uncertainty=uncertainty)
+    runs = [run(frequency, "identify", 1), run(frequency, "identify", 2), run(frequency, "validate", 3)]
+    found = diagnose(StageModel({"x": axis}), runs)
+    assert found.verdict == "effects-found" and [effect.name for effect in found.effects] == ["second_mode"]
+    values = {v.parameter.name.rpartition(".")[2]: v.value for v in found.effects[0].values}
+    assert values["frequency"] == pytest.approx(RATIO * frequency, rel=1e-3)
+    assert values["share"] == pytest.approx(SHARE, rel=0.02)
+
+
+def tried(name: str, axis: AxisModel, highest: float = math.inf) -> list[float]:
+    """The first number of each trial of an effect."""
+    model = AxisDynamics("x", axis, max_command=VOLTS, highest=highest)
+    (candidate,) = (each for each in candidates(model) if each.name == name)
+    number = next(n for n in candidate.free if n.endswith(("frequency", "bandwidth", "slew")))
+    return sorted({trial[number] for trial in candidate.trials})
+
+
+@pytest.mark.parametrize("name", ["second_mode", "driver_bandwidth", "sensor_bandwidth", "driver_slew"])
+def test_frequencies_are_tried_in_proportion_to_the_natural_frequency(name: str) -> None:
+    slow, fast = (tried(name, AxisModel(f, 0.02, GAIN)) for f in (100.0, 300.0))
+    assert fast == pytest.approx([3 * value for value in slow])
+    # Where the samples do not show the mode, half of the highest frequency that they show counts.
+    hidden = tried(name, AxisModel(1e4, 0.02, GAIN), 400.0)
+    assert hidden == pytest.approx([2 * value for value in slow if name != "second_mode" or 2 * value < 400.0])
+
+
+@pytest.mark.parametrize("name", ["base_motion", "mains_hum"])
+def test_the_floor_and_the_mains_do_not_follow_the_stage(name: str) -> None:
+    assert tried(name, AxisModel(100.0, 0.02, GAIN)) == tried(name, AxisModel(300.0, 0.02, GAIN))
+
+
+def test_the_range_of_a_natural_frequency_ends_at_what_the_samples_show() -> None:
+    about = Parameter("natural_frequency", "Hz", "Hz", "of the main mode", plausible=(10.0, 1e5))
+    first = AxisModel(100.0, 0.02, GAIN)
+    assert axis_parameters.observable_range(about, first, 500.0) == {"plausible": (10.0, 500.0)}
+    assert axis_parameters.observable_range(about, first, 50.0) == {"plausible": (10.0, 1.2 * 100.0)}
