@@ -104,7 +104,7 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
 def _with_forces(fit: FittedModel, values: Mapping[str, float]) -> dict[str, float]:
     """Return natural frequency and gain as they show for small motions with the stiffness of added forces, if positive.
 
-    What was known of a stage may have counted the stiffness of a spring that an effect now states by itself.
+    The prior may count the stiffness of a spring that an effect now states by itself.
     """
     model = cast(AxisDynamics, fit.model)
     stiffer = max(1.0 + spectrum.added_stiffness(stages.chain(model.name, model.axis)), 1.0)
