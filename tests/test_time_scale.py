@@ -14,6 +14,7 @@ from flexdesign.diagnosis.effect_selection.linear_system import mode_response
 from flexdesign.dynamics.axis import axis_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
+from flexdesign.measurements.noise_level import noise_floor
 from flexdesign.measurements.recordings import Run
 
 GAIN, VOLTS, NOISE, SAMPLES = 1e-6, 50.0, 20e-9, 1500
@@ -22,14 +23,16 @@ SHARE, RATIO, DAMPING_RATIO = 0.06, 2.3, 0.015
 SPEEDS = (0.05, 1.0, 50.0)
 
 
-def run(frequency: float, role: str, seed: int) -> Run:
-    """A held random command, at ten samples in a period of the main mode."""
+def run(frequency: float, role: str, seed: int, late: float = 0.0) -> Run:
+    """A held random command, at ten samples in a period of the main mode; a late stage has no other mode."""
     rng, period = np.random.default_rng(seed), 0.1 / frequency
     u = VOLTS * np.repeat(rng.uniform(0, 1, SAMPLES // 5), 5)
     main, second = (
         mode_response(u, f, zeta, period)[0] for f, zeta in ((frequency, 0.03), (RATIO * frequency, DAMPING_RATIO))
     )
-    x = GAIN * ((1 - SHARE) * main + SHARE * second) + NOISE * rng.standard_normal(SAMPLES)
+    share = 0.0 if late else SHARE
+    x = GAIN * ((1 - share) * main + share * second)
+    x = np.interp(np.arange(SAMPLES) - late / period, np.arange(SAMPLES), x) + NOISE * rng.standard_normal(SAMPLES)
     time = period * np.arange(SAMPLES)
     return Run(f"run{seed}", time, {"u": u, "x": x}, {"u": "V", "x": "m"}, "hold", role, between_is_stated=True)
 
@@ -46,6 +49,33 @@ def test_a_second_mode_is_found_at_any_speed(speed: float) -> None:
     values = {v.parameter.name.rpartition(".")[2]: v.value for v in found.effects[0].values}
     assert values["frequency"] == pytest.approx(RATIO * frequency, rel=1e-3)
     assert values["share"] == pytest.approx(SHARE, rel=0.02)
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_a_delay_is_found_at_any_speed(speed: float) -> None:
+    """Half a period of the mode late; of the slow stage, less than the 50 ms that a controller may take."""
+    frequency = 100.0 * speed
+    late = min(0.5 / frequency, 0.04)
+    actuator = ActuatorData(free_stroke=GAIN * VOLTS, voltage_range=(0.0, VOLTS))
+    uncertainty = {"natural_frequency": 0.05, "gain": 0.1, "damping_ratio": 1.0}
+    axis = AxisModel(1.01 * frequency, 0.03, 1.02 * GAIN, actuator=actuator, uncertainty=uncertainty)
+    runs = [run(frequency, role, seed, late) for seed, role in ((1, "identify"), (2, "identify"), (3, "validate"))]
+    found = diagnose(StageModel({"x": axis}), runs)
+    (effect,) = (each for each in found.effects if each.name == "transport_delay")
+    assert effect.values[0].value == pytest.approx(late, abs=0.05 * 0.1 / frequency)
+
+
+@pytest.mark.parametrize("speed", [1.0, 7.0, 50.0])
+def test_quiet_stretches_show_the_noise_at_any_speed(speed: float) -> None:
+    """The samples are the same, and so are the stretches; a mode rings after each step of the command."""
+    rng, period = np.random.default_rng(5), 1e-3 / speed
+    u = np.repeat([0.0, 20.0, 50.0, 10.0], 700)
+    position, _ = mode_response(u, 118.0 * speed, 0.03, period)
+    x = GAIN * position + NOISE * rng.standard_normal(len(u))
+    seen = Run("steps", period * np.arange(len(u)), {"u": u, "x": x}, {"u": "V", "x": "m"}, "hold")
+    floor = noise_floor([seen], "x", settling_time=0.35 / speed)
+    assert floor.known and floor.source.startswith("quiet stretches")
+    assert floor.rms["steps"] == pytest.approx(NOISE, rel=0.08)
 
 
 def tried(name: str, axis: AxisModel, highest: float = math.inf) -> list[float]:

@@ -195,7 +195,7 @@ def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
         "cap",
         ("cap",),
         tuple({"cap": c} for c in (0.5, 1.0, 1.5, 2.0, 2.5)),
-        is_limit=True,
+        has_own_trials=True,
     )
     model = Sum().plus(lambda v, run: v["k"] * run.t, strength("k", 3.0))
     observed = runs(lambda run: np.minimum(3 * run.t, 1.6))

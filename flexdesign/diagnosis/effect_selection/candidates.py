@@ -32,8 +32,8 @@ LATE_SENSOR = "sensor_delay"
 INERTIAL_EFFECTS = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
 NOISE_EFFECTS = ("quantisation",)
-#: Units of what is tried in proportion to the natural frequency.
-RATES = ("Hz", "V/s")
+#: Units of numbers of amplifier, sensor and controller; the power of the natural frequency with which they are tried.
+RATES = {"Hz": 1.0, "V/s": 1.0, "s": -1.0}
 #: In the band of frequency responses modes and lags are tried at this number of frequencies, delays at these fractions
 #: of a cycle of its highest frequency.
 FREQUENCIES_IN_BAND, DELAYS_IN_CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -184,10 +184,10 @@ def candidate_of(
         add=Adder(effect, name),
         strength=strength.name,
         free=free,
-        trials=_trials(own, strength, lines if phase or is_mode else ()),
+        trials=_trials(own, lines if phase or is_mode else ()),
         phase=phase,
         signed=strength.plausible[0] < 0,
-        is_limit=strength.null == math.inf,
+        has_own_trials=bool(strength.screen),
         like=effect.confused_with,
         trace=Line(frequency) if phase and frequency else None,
     )
@@ -211,17 +211,16 @@ def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[fl
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
     """Return a number of driver, sensor or controller with what the catalogue says of the effect that it represents."""
     scale = of_catalogue(catalogue, model.stroke, model.max_command)
-    if catalogue.si in RATES:
-        scale *= frequency_scale(model.first, model.highest)
+    scale *= frequency_scale(model.first, model.highest) ** RATES.get(catalogue.si, 0.0)
     return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
 
 
-def _trials(own: Sequence[Parameter], strength: Parameter, lines: Sequence[float]) -> tuple[dict[str, float], ...]:
+def _trials(own: Sequence[Parameter], lines: Sequence[float]) -> tuple[dict[str, float], ...]:
     grids: list[list[tuple[str, float]]] = []
     for p in own:
         if p.per_run:
             continue
-        values = list(p.screen) if p.screen and (p is not strength or p.null == math.inf) else []
+        values = list(p.screen)
         if lines and p.si == "Hz":
             values += [line for line in lines if p.is_plausible(line)]
         low, high = p.plausible

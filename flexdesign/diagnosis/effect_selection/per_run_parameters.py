@@ -109,7 +109,7 @@ def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidat
 def _varying(fit: FittedModel) -> list[Candidate]:
     """Return the effects whose strength may differ from run to run: one that adds up, and that no run has already."""
     found = []
-    for effect in (effect for effect in fit.effects if not effect.is_limit):
+    for effect in (effect for effect in fit.effects if not effect.has_own_trials):
         parameter = _parameter(fit.model, effect.strength)
         if parameter.scale == "linear" and not parameter.twin:
             found.append(effect)

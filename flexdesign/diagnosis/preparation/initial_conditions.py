@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core.model import Block, Model, Observation, Parameter
-from flexdesign.dynamics.axis.axis_model import REVERSALS, AxisDynamics
+from flexdesign.dynamics.axis.axis_model import REVERSALS, TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 #: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
 #: share of the stroke that the mode swings by.
 TRIGGER_DEVIATION, TURNING_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
-#: Before the first fit, delays are tried up to this one [s], at this spacing in periods of the mode.
-LARGEST_DELAY, DELAY_SPACING = 0.012, 0.125
+#: Before the first fit, delays are tried up to this one, at this spacing, both in periods of the mode.
+LARGEST_DELAY, DELAY_SPACING = 2.0, 0.125
 #: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives
 #: lead nowhere. A payload or a loose part may have changed it by so much.
 LARGEST_DETUNING, DETUNING_SPACING = 0.24, 0.03
@@ -116,7 +116,8 @@ def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
         return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
 
     step = DELAY_SPACING / dynamics.first.natural_frequency
-    best = min(np.arange(0.0, LARGEST_DELAY, step).tolist(), key=lambda late: _cost(task, late_by(late)))
+    farthest = min(LARGEST_DELAY / dynamics.first.natural_frequency, TRIGGERED_WITHIN[1])
+    best = min(np.arange(0.0, farthest, step).tolist(), key=lambda late: _cost(task, late_by(late)))
     return late_by(best) if best > step else dynamics
 
 

@@ -61,8 +61,8 @@ class Candidate:
         Name of the number that is the phase of a sinusoid, another in each run; empty if there is none.
     signed
         Whether the strength may be of either sign.
-    is_limit
-        Whether the strength is a limit, which a larger effect lowers.
+    has_own_trials
+        Whether the strength is tried at values of its own, as a limit or a delay is: derivatives at its null mislead.
     like
         Names of effects that it may be taken for.
     after
@@ -81,7 +81,7 @@ class Candidate:
     trials: tuple[Mapping[str, float], ...]
     phase: str = ""
     signed: bool = False
-    is_limit: bool = False
+    has_own_trials: bool = False
     like: tuple[str, ...] = ()
     after: str = ""
     trace: Callable[[Model, Observation], Array | None] | None = None
@@ -130,7 +130,7 @@ class Direction:
     @property
     def start(self) -> dict[str, float]:
         """Values from which a fit may begin."""
-        if self.candidate.is_limit:
+        if self.candidate.has_own_trials:
             return dict(self.values)
         return {**self.values, self.candidate.strength: self.values[self.candidate.strength] * self.best_step}
 
@@ -211,7 +211,7 @@ class Screening:
                 if candidate.phase:
                     return self._sinusoid(candidate, model, values)
                 move = self._move(model, values)
-                if move is None or candidate.is_limit:
+                if move is None or candidate.has_own_trials:
                     return None if move is None else self._direction(candidate, values, move)
                 scale = min(LARGEST_MOVE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
                 if scale < 1:

@@ -232,11 +232,13 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
         values |= direction.start
         strength = direction.candidate.strength
         scale = next(p.scale for p in model.parameters() if p.name == strength)
-        if scale == "linear" and not direction.candidate.is_limit:
+        if scale == "linear" and not direction.candidate.has_own_trials:
             old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
-    is_misleading = origin.scale > GROSS_MISFIT or any(direction.candidate.is_limit for direction in start.directions)
+    is_misleading = origin.scale > GROSS_MISFIT or any(
+        direction.candidate.has_own_trials for direction in start.directions
+    )
     model = task.coarse(model.replace(begun))
     found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=QUICK)
     return None if found is None else Entry(start, found)

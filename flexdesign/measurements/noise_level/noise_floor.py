@@ -135,7 +135,7 @@ def noise_floor(
     sources = [
         stationary_stretches(runs, axis, settling_time),
         differences_of_periods(runs, axis, settling_time),
-        differences_of_repeats(runs, axis),
+        differences_of_repeats(runs, axis, settling_time),
     ]
     levels = [_level(source, runs, smallest, remove_lines) for source in sources if source.stretches]
     if not levels:

@@ -16,10 +16,36 @@ from flexdesign.estimation.noise.whitening import stretches as where_up
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
-#: Least duration of a stretch [s], and its least number of samples.
-SHORTEST, FEWEST = 0.15, 24
-#: Time over which a command is looked at [s]; what it may move in it and in a whole stretch, of its span.
-LOOK, STILL, DRIFTED = 0.05, 5e-4, 2e-3
+#: Least number of samples of a stretch.
+FEWEST = 24
+#: A still command moves by no more than these shares of its span, while it is looked at and in a whole stretch.
+STILL, DRIFTED = 5e-4, 2e-3
+
+
+@dataclass(frozen=True)
+class Duration:
+    """How long something must last: some seconds, or less where the samples are close and the stage is fast.
+
+    Parameters
+    ----------
+    seconds
+        At most.
+    samples, share
+        The larger one of this number of samples and this share of the time in which the stage settles is enough.
+    """
+
+    seconds: float
+    samples: int
+    share: float
+
+    def in_samples(self, period: float, settling_time: float) -> int:
+        """Return it in samples of a period [s] on a stage that settles in some time [s]."""
+        enough = max(self.samples * period, self.share * settling_time)
+        return max(1, math.ceil(min(self.seconds, enough) / period))
+
+
+#: Least duration of a stretch; and how long a command is looked at.
+SHORTEST, LOOK = Duration(0.15, 150, 0.5), Duration(0.05, 50, 0.2)
 #: A command jitters if at least this share of its samples differ by little from the one before, and if this share of
 #: these changes go back.
 JITTERS, TURNS = 0.02, 0.5
@@ -91,7 +117,7 @@ def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float) -
 def _stationary(runs: Sequence[Run], axis: str, settling_time: float) -> list[Stretch]:
     spans, found = _spans(runs), []
     for run in runs:
-        window = max(1, math.ceil(LOOK / run.period))
+        window = LOOK.in_samples(run.period, settling_time)
         finite = np.isfinite(run.columns[axis])
         for first, last in where_up(_still(run, spans, window)):
             last_motion = None if first == 0 else first - window  # the look goes back: here the command came to rest
@@ -99,7 +125,9 @@ def _stationary(runs: Sequence[Run], axis: str, settling_time: float) -> list[St
             if begin >= last or any(np.ptp(run.columns[c][begin:last]) > DRIFTED * spans[c] for c in run.commands):
                 continue
             for a, b in where_up(finite[begin:last]):
-                found += _after_decay(run, begin + a, run.columns[axis][begin + a : begin + b], last_motion)
+                found += _after_decay(
+                    run, begin + a, run.columns[axis][begin + a : begin + b], last_motion, settling_time
+                )
     return found
 
 
@@ -129,13 +157,13 @@ def differences_of_periods(runs: Sequence[Run], axis: str, settling_time: float)
             if _is_louder(difference[:passed], difference[passed:]):
                 begin, difference = begin + passed, difference[passed:]
         for a, b in where_up(np.isfinite(difference)):
-            made = _after_decay(run, begin + a, difference[a:b], first)
+            made = _after_decay(run, begin + a, difference[a:b], first, settling_time)
             found += made
             lags += [lag * run.period] * len(made)
     return Source(_describe("difference of periods", runs, found), tuple(found), tuple(lags))
 
 
-def differences_of_repeats(runs: Sequence[Run], axis: str) -> Source:
+def differences_of_repeats(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
     """Return differences, by the root of two, of pairs of runs that had the same commands."""
     spans, found = _spans(runs), []
     left = list(runs)
@@ -147,7 +175,7 @@ def differences_of_repeats(runs: Sequence[Run], axis: str) -> Source:
         left.remove(other)
         difference = (other.columns[axis] - one.columns[axis]) / math.sqrt(2)
         for a, b in where_up(np.isfinite(difference)):
-            found += _after_decay(one, a, difference[a:b], None)
+            found += _after_decay(one, a, difference[a:b], None, settling_time)
     return Source(_describe("difference of repeats", runs, found), tuple(found))
 
 
@@ -187,7 +215,7 @@ def _jitter(command: Array, largest: float) -> float:
     return float(np.quantile(np.abs(changes[is_small]), 0.99))
 
 
-def _after_decay(run: Run, first: int, values: Array, last_motion: int | None) -> list[Stretch]:
+def _after_decay(run: Run, first: int, values: Array, last_motion: int | None, settling_time: float) -> list[Stretch]:
     """Return a stretch without the part of it in which something still decays; nothing if too little is left.
 
     Parameters
@@ -198,8 +226,10 @@ def _after_decay(run: Run, first: int, values: Array, last_motion: int | None) -
         Its samples.
     last_motion
         Index at which a command came to rest or a period began: from there creep goes with the logarithm of time.
+    settling_time
+        See `stationary_stretches`.
     """
-    fewest = max(FEWEST, math.ceil(SHORTEST / run.period))
+    fewest = max(FEWEST, SHORTEST.in_samples(run.period, settling_time))
     while len(values) >= fewest and _decay([values], SIGNIFICANCE):
         dropped = len(values) // 4
         first, values = first + dropped, values[dropped:]
