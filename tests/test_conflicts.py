@@ -152,22 +152,37 @@ def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float
     assert all(value == pytest.approx(late, abs=0.1) for value in values.values())
 
 
-@pytest.mark.parametrize(("alpha", "found"), [(1.0, ()), (0.2, ("sensor_gain",))])
-def test_a_gain_that_a_spring_of_its_own_makes_up_for_is_no_conflict(alpha: float, found: tuple[str, ...]) -> None:
-    """Mode and spring share the stiffness: with half of it each, a gain twice as large is that of the design."""
+SPRING = {"alpha": 1.0, "gamma": 1e3, "delta": 0.0, "n": 1.0}
+LOOP = {"a": 0.9e-6, "b": 0.02, "c": 0.0, "n": 1.0, "rest": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "added", "found"),
+    [
+        ("hysteretic_spring", SPRING, True, ()),
+        ("hysteretic_spring", {**SPRING, "alpha": 0.2}, True, ("sensor_gain",)),
+        ("hysteretic_spring", SPRING, False, ("sensor_gain",)),
+        ("bouc_wen", LOOP, True, ()),
+        ("bouc_wen", {**LOOP, "a": 0.1e-6}, True, ("sensor_gain",)),
+        ("bouc_wen", LOOP, False, ("sensor_gain",)),
+    ],
+)
+def test_a_gain_that_an_added_effect_makes_up_for_is_no_conflict(
+    name: str, values: Mapping[str, float], added: bool, found: tuple[str, ...]
+) -> None:
+    """A spring with half of the stiffness, or a loop that holds half of the gain back, unless the design had it."""
     design = AxisModel(30.0, 0.02, 1e-6)
-    values = {"natural_frequency": 30.0 / math.sqrt(2), "gain": 1.9e-6}
-    spring = {"hysteretic_spring": {"alpha": alpha, "gamma": 1e3, "delta": 0.0, "n": 1.0}}
-    axis = dataclasses.replace(design, **values, effects=spring)
-    parameters = [parameter(name, value, 0.01 * value, 100 * value) for name, value in values.items()]
+    own = {"natural_frequency": 30.0 / math.sqrt(2), "gain": 1.9e-6}
+    axis = dataclasses.replace(design, **own, effects={name: values})
+    parameters = [parameter(number, value, 0.01 * value, 100 * value) for number, value in own.items()]
     names = [p.name for p in parameters]
-    where = SimpleNamespace(names=names, parameters=parameters, known={}, values=lambda _: values)
+    where = SimpleNamespace(names=names, parameters=parameters, known={}, values=lambda _: own)
     problem = SimpleNamespace(where=where)
-    solution = SimpleNamespace(
-        problem=problem, x=np.array([*values.values()]), covariance=np.diag([1e-6, 1e-18]), residuals=()
+    solution = SimpleNamespace(problem=problem, x=np.array([*own.values()]), covariance=np.diag([1e-6, 1e-18]))
+    fit: Any = SimpleNamespace(
+        model=AxisDynamics("x", axis), solution=solution, discrepancy=1.0, names=(name,) if added else ()
     )
-    fit: Any = SimpleNamespace(model=AxisDynamics("x", axis), solution=solution, discrepancy=1.0)
     about: Any = SimpleNamespace(
         known={"gain": (1e-6, 0.1e-6)}, axis=design, is_loaded=False, is_at_stack=False, coarse_step=None
     )
-    assert tuple(name for each in conflicts(about, fit) for name in each.group) == found
+    assert tuple(group for each in conflicts(about, fit) for group in each.group) == found

@@ -89,9 +89,19 @@ def response(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Complex
 
 def added_stiffness(chain: AxisChain) -> float:
     """Return the stiffness that forces on the table have for small motions about rest, over that of the main mode."""
+    return -_at_rest(chain, Socket.FORCE)
+
+
+def added_gain(chain: AxisChain) -> float:
+    """Return what hysteresis adds to the gain for small motions about rest [response/V]; mostly it holds back."""
+    return _at_rest(chain, Socket.HYSTERESIS)
+
+
+def _at_rest(chain: AxisChain, socket: Socket) -> float:
+    """Return the sum of what the blocks of a socket that add pass of small and slow sines about rest."""
     still = np.zeros(1)
-    forces = chain.blocks(Socket.FORCE)
-    return -float(sum(_of(block, values, still, 0.0, 0.0)[0].real for block, values in forces))
+    blocks = [(block, values) for block, values in chain.blocks(socket) if block.mode == "add"]
+    return float(sum(_of(block, values, still, 0.0, 0.0)[0].real for block, values in blocks))
 
 
 def _continuous(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Complex:

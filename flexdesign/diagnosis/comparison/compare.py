@@ -17,7 +17,7 @@ from flexdesign.diagnosis.comparison.frequency_response import ResponseCompariso
 from flexdesign.diagnosis.comparison.reversal import correlation
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
-from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements.noise_level import NoiseFloor, line_noise
@@ -25,8 +25,6 @@ from flexdesign.measurements.noise_level.lines import noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
 Array = NDArray[np.float64]
-#: Error of the simulations, relative to the span.
-SIMULATION_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +196,7 @@ def compare(
     seen = [of_axis(run, name, its) for run in runs_]
     measured = [axis_response.of_axis(each, name, its) for each in runs if isinstance(each, FrequencyResponse)]
     max_command = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
-    dynamics = AxisDynamics(name, its, max_command, tolerance=SIMULATION_ERROR, delay=model.controller.delay)
+    dynamics = AxisDynamics(name, its, max_command, tolerance=COMPARED_TOLERANCE, delay=model.controller.delay)
     progress("reading the noise")
     lines = {each.name: line_noise(each) for each in measured}
     responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)

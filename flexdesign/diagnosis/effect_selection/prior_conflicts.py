@@ -70,12 +70,12 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
     """Return the numbers that moved beyond their prior."""
     where, covariance = fit.solution.problem.where, fit.solution.covariance
     values, found = where.values(fit.solution.x), []
-    with_forces = _with_forces(fit, values)
+    small = _of_small_motions(fit, values)
     free = {name: about for name, about in data.known.items() if name in where.names}
     for name, (middle, sigma) in free.items():
         j = where.names.index(name)
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
-        if min(abs(far), abs(with_forces.get(name, values[name]) - middle) / sigma) <= CONFLICT:
+        if min(abs(far), abs(small.get(name, values[name]) - middle) / sigma) <= CONFLICT:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
         if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
@@ -101,15 +101,23 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
     return (*found, *(conflict for conflict in more if conflict is not None))
 
 
-def _with_forces(fit: FittedModel, values: Mapping[str, float]) -> dict[str, float]:
-    """Return natural frequency and gain as they show for small motions with the stiffness of added forces, if positive.
+def _of_small_motions(fit: FittedModel, values: Mapping[str, float]) -> dict[str, float]:
+    """Return natural frequency and gain as small motions show them with the effects that were added.
 
-    The prior may count the stiffness of a spring that an effect now states by itself.
+    The prior may count the stiffness of a spring, or the share of the gain that hysteresis holds back at first, which
+    an effect now states by itself.
     """
     model = cast(AxisDynamics, fit.model)
-    stiffer = max(1.0 + spectrum.added_stiffness(stages.chain(model.name, model.axis)), 1.0)
-    powers = {"natural_frequency": 0.5, "gain": -1.0}
-    return {name: values[name] * stiffer**power for name, power in powers.items() if name in values}
+    added = {name: model.axis.effects[name] for name in fit.names if name in model.axis.effects}
+    chain = stages.chain(model.name, replace(model.axis, effects=added))
+    stiffer = max(1.0 + spectrum.added_stiffness(chain), 1.0)
+    made = {}
+    if "natural_frequency" in values:
+        made["natural_frequency"] = values["natural_frequency"] * math.sqrt(stiffer)
+    if "gain" in values:
+        slope = max(abs(values["gain"]) + spectrum.added_gain(chain), 0.0)
+        made["gain"] = math.copysign(slope / stiffer, values["gain"])
+    return made
 
 
 def _structural(ratio: float) -> str:

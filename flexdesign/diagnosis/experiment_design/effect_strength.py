@@ -13,9 +13,8 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Block, Effect, Parameter, Socket, Term
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.limits import SIMULATION_ERROR
 from flexdesign.dynamics import stage_dynamics as stages
-from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
 from flexdesign.dynamics.stage_model import AxisModel, fields
 
@@ -131,7 +130,7 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
 
 
 def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
-    return AxisDynamics(model.name, axis, model.max_command, SIMULATION_ERROR, delay=model.delay)
+    return AxisDynamics(model.name, axis, model.max_command, COMPARED_TOLERANCE, delay=model.delay)
 
 
 def _without_effect(axis: AxisModel, effect: Effect, name: str) -> AxisModel:

@@ -8,13 +8,11 @@ from dataclasses import dataclass, field
 
 from flexdesign.core.errors import InputError
 from flexdesign.dynamics import stage_dynamics as stages
-from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
 #: Commands are whole multiples of this [V], so that a file holds exactly what was checked.
 COMMAND_GRID = 1e-6
-#: Simulations are exact to this share of their span: far below what is drawn or compared.
-SIMULATION_ERROR = 1e-6
 #: Of the voltage range, that commands leave free at either end: a margin for the driver's own offset.
 MARGIN = 0.02
 #: Of the sampling rate, below which commands stay if no bandwidth is stated: Nyquist's half, less a filter's corner.
@@ -119,7 +117,7 @@ def axis(model: StageModel, name: str | None) -> str:
 def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
     """Return an axis as it is simulated on the bench, its stroke that of the limits."""
     max_command = max(abs(limits.low), abs(limits.high))
-    return AxisDynamics(name, model.axes[name], max_command, SIMULATION_ERROR, delay=model.controller.delay)
+    return AxisDynamics(name, model.axes[name], max_command, COMPARED_TOLERANCE, delay=model.controller.delay)
 
 
 def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> Limits:

@@ -34,6 +34,8 @@ from flexdesign.measurements.recordings.frequency_response import parts
 Array = NDArray[np.float64]
 #: Error that a prediction may have, relative to its span: far below the noise of any sensor.
 TOLERANCE = 1e-7
+#: The same of what is only drawn or compared.
+COMPARED_TOLERANCE = 1e-6
 #: Below this share of the tolerance a prediction is exact, and needs no margin.
 EXACT = 1e-3
 #: A mode at half its damping has decayed to this share of the first command's response before a record begins.
