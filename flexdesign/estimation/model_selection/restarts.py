@@ -70,9 +70,10 @@ def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | Non
 
 
 def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return the best of fits restarted from one without the run that fits worst, as long as that helps.
+    """Return the best of fits restarted from one without the run that fits worst.
 
-    A run in a wrong initial state of hysteresis moves all numbers away from where its right one would be found.
+    A run in a wrong initial state of hysteresis moves all numbers away from where its right one would be found. Where
+    that explains a stated share of what was unexplained, it is done again.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
         The runs, and the fit.
     """
     dataset = fit.solution.problem.dataset
-    if len(dataset.records) <= FEWEST_RUNS or not any(p.run and p.screen for p in fit.model.parameters()):
+    remembers = any(p.run and p.screen for p in fit.model.parameters())
+    if not fit.exceeds_noise or len(dataset.records) <= FEWEST_RUNS or not remembers:
         return fit
     ratios = [float(part @ part) / len(part) for part in fit.solution.residuals]
     worst = dataset.records[ratios.index(max(ratios))].observation.name
@@ -91,5 +93,5 @@ def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
     if others is None:
         return fit
     made = fit_model(task, search_initial_states(task, dataset, others.problem.at(others.x)), fit.effects)
-    better = fit if made is None else escape(task, made, ())
-    return leave_out_worst(task, better) if _better(fit, better) is better and better is not fit else fit
+    better = fit if made is None else _better(fit, escape(task, made, ()))
+    return leave_out_worst(task, better) if fit.cost - better.cost > SHARE * fit.excess else better

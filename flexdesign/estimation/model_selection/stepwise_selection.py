@@ -348,8 +348,7 @@ def select(
                 steps[-1] = replace(steps[-1], chosen=None)
             elif len(made.effects) > 1:
                 steps, made = _replace(task, steps, made)
-            if made is not None and made.exceeds_noise:
-                made = leave_out_worst(task, made)
+            made = None if made is None else leave_out_worst(task, made)
         if made is None:
             made = vary(fit)
             if made is fit:
