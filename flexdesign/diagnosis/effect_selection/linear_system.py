@@ -21,6 +21,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.signal_chain import exact_step
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.sparse_residual_model import without_columns
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -60,9 +61,7 @@ def _chi2(dataset: Dataset, model: AxisDynamics, frequency: float, damping_ratio
                 for made in [_columns(model, cast(Run, record.observation), *np.exp(logarithms))]
             ]
         )
-        lengths = np.linalg.norm(columns, axis=0)
-        unit = columns / np.where(lengths > 0, lengths, 1.0)
-        return np.asarray(measured - unit @ np.linalg.lstsq(unit, measured, rcond=1e-10)[0])
+        return without_columns(measured, columns)
 
     start = np.log([frequency, np.clip(damping_ratio, 1.01 * DAMPING_RATIOS[0], 0.99 * DAMPING_RATIOS[1])])
     far = math.log(LARGEST_FREQUENCY_FACTOR)

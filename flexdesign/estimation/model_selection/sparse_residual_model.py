@@ -92,10 +92,15 @@ def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctio
         parts.append(whole)
     residual = np.concatenate(fit.solution.residuals)
     columns = np.hstack([np.vstack(parts), seen[:, [name in terms for name in names]]])
-    lengths = np.linalg.norm(columns, axis=0)
-    amounts = np.linalg.lstsq(columns / np.where(lengths > 0, lengths, 1.0), residual, rcond=1e-10)[0]
-    rest = residual - columns / np.where(lengths > 0, lengths, 1.0) @ amounts
+    rest = without_columns(residual, columns)
     return float(rest @ rest)
+
+
+def without_columns(values: Array, columns: Array) -> Array:
+    """Return n values less the amounts of k columns (n by k) that explain them best."""
+    lengths = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(lengths > 0, lengths, 1.0)
+    return np.asarray(values - unit @ np.linalg.lstsq(unit, values, rcond=1e-10)[0])
 
 
 def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tuple[list[str], Array]:
