@@ -228,6 +228,18 @@ def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> Non
     assert told.reason in diagnosis_text.apart(GROUP, (told,))
 
 
+def test_an_effect_is_doubted_with_the_numbers_that_the_runs_do_not_determine() -> None:
+    """Of a loop only its size is stated; the model holds b and c, and b is below |c|."""
+    axis = diagnosed().model.axes["x"]
+    held = {"a": 1e-7, "b": 0.01, "c": 0.02, "n": 1.0, "rest": 0.0}
+    model = replace(diagnosed().model, axes={"x": replace(axis, effects={"bouc_wen": held})})
+    size = effects.find("bouc_wen").parameters[0]
+    value = Value(replace(size, name="bouc_wen.a"), 1e-7, (0.9e-7, 1.1e-7))
+    named = replace(diagnosed().effects[0], name="bouc_wen", values=(value,))
+    section = diagnosis_report._effect(replace(diagnosed(), model=model, effects=(named,)), named)
+    assert any("b = 0.01 below |c| = 0.02" in text for text in section.paragraphs)
+
+
 def test_pictures_suit_the_effect() -> None:
     assert diagnosis_report.pictures(["creep"])[0] == "steps"
     assert diagnosis_report.pictures(["mains_hum"])[0] == "spectrum"
