@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,8 @@ class StepFaces:
     ----------
     file
         The file.
+    solids
+        Names or numbers of the solids that are taken; none if all are.
     body
         Its solid, with notes on what was done to it.
     faces
@@ -36,33 +38,45 @@ class StepFaces:
     """
 
     file: Path
+    solids: tuple[str, ...]
     body: step_file.StepBody
     faces: tuple[SolidFace, ...]
     thin: ThinRegions
 
     def design_for(self, folder: Path) -> str:
         """Return a design to start from, for a file in a folder."""
-        return faces_report.design(os.path.relpath(self.file, folder), self.faces)
+        return faces_report.design(os.path.relpath(self.file, folder), self.faces, self.solids)
 
 
-def read_ports(file: str | Path, *, progress: Progress = lambda _: None) -> Result[StepFaces]:
+def read_ports(
+    file: str | Path, *, solids: Sequence[str] = (), progress: Progress = lambda _: None
+) -> Result[StepFaces]:
     """Read the faces of a STEP file.
+
+    Parameters
+    ----------
+    file
+        The file.
+    solids
+        Names or numbers of the solids that are meant, where it holds several; by default all.
+    progress
+        Receives the progress as text.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or is no closed solid.
+        If the file cannot be read, is no closed solid, or has no solid of a name.
     """
     path = Path(file)
     if not step_part.is_step(path.name):
         raise InputError("command line", "STEP", str(file), "is no STEP file; its name ends in .step or .stp")
     progress("reading the solid")
-    body = step_file.read(path)
+    body = step_file.read(path, tuple(solids))
     progress("looking where it is thin")
-    found = StepFaces(path, body, step_part.listed(body), thin_regions.find(body.solid))
+    found = StepFaces(path, tuple(solids), body, step_part.listed(body), thin_regions.find(body.solid))
     return Result(
         found,
-        faces_report.document(path, body, found.faces, found.thin, progress),
+        faces_report.document(path, body, found.faces, found.thin, found.solids, progress),
         faces_report.brief(found.faces),
         partial(faces_report.result, body, found.faces, found.thin),
         is_table_first=True,

@@ -11,7 +11,8 @@ from flexdesign.cli.shared import DESIGN, AsJson, app, progress, report_folder, 
 
 HELP = """List the faces of a STEP file, and write a design that uses some of them as ports.
 
-STEP is the file of one solid. Its plane and cylindrical faces are listed with area, normal, centre and name, and drawn
+STEP is the file of a solid. Where it holds several that touch, as an assembly does, they are bonded; --solid takes some
+of them, by name or number. Its plane and cylindrical faces are listed with area, normal, centre and name, and drawn
 with their numbers; thin regions of the solid are listed, too. A port is one plane face or several in one plane.
 
 **Examples**
@@ -20,13 +21,16 @@ with their numbers; thin regions of the solid are listed, too. A port is one pla
 
     flexdesign ports bracket.step -o bracket.toml
 
+    flexdesign ports assembly.step --solid "Leaf spring" -o leaf.toml
+
     flexdesign validate bracket.toml
 
-**In a design:** part = "bracket.step", and a table for each port: [ports.ground], [ports.input_left],
-[ports.input_right], [ports.output]. Each names its faces by face = "name", colour = "#rrggbb", plane = "z = max", or
-point and normal, which find the nearest face with that normal. interface = "rigid" lets the faces move as one body;
-about = ["0 mm", "0 mm", "0 mm"] is the point that motions and moments are taken about. A design without inputs is a
-joint: its report has the stiffness of the output in six directions.
+**In a design:** part = "bracket.step", with solids = ["Leaf spring"] where some of several are meant, and a table for
+each port: [ports.ground], [ports.input_left], [ports.input_right], [ports.output]. Each names its faces by face =
+"name", colour = "#rrggbb", plane = "z = max", or point and normal, which find the nearest face with that normal.
+interface = "rigid" lets the faces move as one body; about = ["0 mm", "0 mm", "0 mm"] is the point that motions and
+moments are taken about. A design without inputs is a joint: its report has the stiffness of the output in six
+directions.
 
 **Output:** report.html, report.md, result.json and the picture, in --out; with -o the design to start from.
 
@@ -40,6 +44,10 @@ def ports(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report [default: reports/NAME_ports].", show_default=False)
     ] = None,
+    solid: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Take this solid of several, by name or number; may be repeated."),
+    ] = None,
     design: Annotated[
         Path | None, typer.Option("-o", "--design", help="Also write the design to start from.", show_default=False)
     ] = None,
@@ -50,7 +58,7 @@ def ports(
 
     write_file(design)
     with progress() as say:
-        found = step_files.read_ports(step, progress=say)
+        found = step_files.read_ports(step, solids=solid or (), progress=say)
         where = report_folder(out, f"{step.stem}_ports", "ports", [step])
         written = where.write(found)
         if design is not None:

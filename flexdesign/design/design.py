@@ -86,6 +86,7 @@ class _DesignFile(Table):
     material: Any  # a name, a file or a table: see flexdesign.design.materials
     dimensions: dict[str, Any] = Field(default_factory=dict)
     ports: dict[str, Any] = Field(default_factory=dict)  # of a STEP file: see flexdesign.design.step_part
+    solids: list[str | int] = Field(default_factory=list)  # of a STEP file, by name or number
     title: str = ""
     provenance: str = ""
     actuator: Actuator | None = None
@@ -258,10 +259,12 @@ def _require_input(design: Design) -> None:
 def _part_class(checked: _DesignFile, path: Path) -> type[Any]:
     """Return the class of the part: that of its Python file, or one made of a STEP file and the design's ports."""
     if step_part.is_step(checked.part):
-        return step_part.load(checked.part, checked.ports, path)
+        return step_part.load(checked.part, checked.ports, path, checked.solids)
     if checked.ports:
         remedy = "belong to a part from a STEP file; a part in Python names its own in ports()"
         raise InputError(path, "ports", ", ".join(checked.ports), remedy)
+    if checked.solids:
+        raise InputError(path, "solids", ", ".join(map(str, checked.solids)), "belong to a part from a STEP file")
     try:
         return part.load(checked.part, path.parent)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""A STEP file as one closed solid, with what the file says of its faces: names and colours.
+"""A STEP file as one closed solid, with what the file says of its solids and faces: names and colours.
 
 CadQuery keeps names of faces for assemblies alone, in a private attribute. Here the document is read once, with the
 kernel's own reader, so that single parts of any CAD program do as well. Lengths are in millimetres, whatever the unit
@@ -7,20 +7,20 @@ of the file: the reader converts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from flexdesign.core.errors import InputError
+from flexdesign.design import step_solids
+from flexdesign.design.step_solids import NamedSolid
 
 #: What programs write where a face has no name.
 NO_NAMES = ("", "NONE", "None", "SOLID", "SHELL", "FACE")
 #: A face is taken for one of before healing if centre and area differ by less than this, relative.
 SAME_FACE = 1e-3
-#: Solids overlap if they share more than this part of the smaller one, and touch if no gap is wider, in sizes.
-OVERLAP, GAP = 1e-6, 1e-6
 
 
 @dataclass(frozen=True)
@@ -48,35 +48,43 @@ class StepBody:
 
 @dataclass
 class _Labels:
-    """Shapes of a document, and names and colours by face, before faces have an index."""
+    """Shapes and solids of a document, and names and colours by face, before faces have an index."""
 
     shapes: list[Any] = field(default_factory=list)
+    solids: list[NamedSolid] = field(default_factory=list)
     names: list[tuple[Any, str]] = field(default_factory=list)
     colours: list[tuple[Any, str]] = field(default_factory=list)
     in_order: list[tuple[str, str]] = field(default_factory=list)
 
 
-def read(path: Path) -> StepBody:
+def read(path: Path, solids: tuple[str, ...] = ()) -> StepBody:
     """Read a STEP file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    solids
+        Names or numbers of those that are meant, where it holds several; by default all.
 
     Raises
     ------
     InputError
-        If it cannot be read, holds no closed solid, or several that cannot be taken as one.
+        If it cannot be read, holds no closed solid, none of a name, or several that cannot be taken as one.
     """
     try:
         stat = path.stat()
     except OSError as error:
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
-    return _read(path.resolve(), stat.st_mtime_ns, stat.st_size)
+    return _read(path.resolve(), solids, stat.st_mtime_ns, stat.st_size)
 
 
 @lru_cache(maxsize=8)
-def _read(path: Path, _changed: int, _size: int) -> StepBody:
+def _read(path: Path, solids: tuple[str, ...], _changed: int, _size: int) -> StepBody:
     labels, unit = _document(path)
     notes = [] if unit else ["The file states no unit of length; millimetres are assumed."]
-    solid, further = _one_solid(labels.shapes, path)
-    solid, healed = _valid(solid, path)
+    solid, further = step_solids.one_solid(labels.solids, labels.shapes, solids, path)
+    solid, healed = step_solids.valid(solid, path)
     faces = solid.Faces()
     names = _by_index(faces, labels.names)
     names = _with_order(names, faces, labels.in_order) | names
@@ -172,10 +180,13 @@ def _labels(document: Any) -> _Labels:
     return found
 
 
-def _collect(tool: Any, label: Any, place: Any, found: _Labels, document: Any, above: str = "") -> None:
-    """Go down from a label to its parts, and note what is said of their faces where they stand.
+def _collect(
+    tool: Any, label: Any, place: Any, found: _Labels, document: Any, above: str = "", names: tuple[str, ...] = ()
+) -> None:
+    """Go down from a label to its parts, and note what is said of them and of their faces where they stand.
 
-    A face has its own colour, or that of its body, or the one `above`, of what the body is a part of.
+    A face has its own colour, or that of its body, or the one `above`, of what the body is a part of. A solid has the
+    names of its body, as such and where it stands in an assembly, and those of the assemblies that it is in.
     """
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.TopLoc import TopLoc_Location
@@ -183,26 +194,34 @@ def _collect(tool: Any, label: Any, place: Any, found: _Labels, document: Any, a
 
     place = place or TopLoc_Location()
     colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
-    whole = _colour(colours, label) or above
+    whole, names = _colour(colours, label) or above, (_name(label), *names)
     if tool.IsReference_s(label):
         own, referred = tool.GetLocation_s(label), TDF_Label()
         tool.GetReferredShape_s(label, referred)
         place, label = place.Multiplied(own), referred
-        whole = whole or _colour(colours, label)
+        whole, names = whole or _colour(colours, label), (_name(label), *names)
     parts = TDF_LabelSequence()
     tool.GetComponents_s(label, parts)
     for part in parts:
-        _collect(tool, part, place, found, document, whole)
+        _collect(tool, part, place, found, document, whole, names)
     if parts.Length():
         return
+    body = tool.GetShape_s(label)
+    body = body if place.IsIdentity() else body.Moved(place)
+    known = len(found.solids)
+    found.solids += [NamedSolid(solid, _named(names)) for solid in _cast(body).Solids()]
     if whole:
-        body = tool.GetShape_s(label)
-        found.colours += [(face, whole) for face in _faces(body if place.IsIdentity() else body.Moved(place))]
+        found.colours += [(face, whole) for face in _faces(body)]
     below = TDF_LabelSequence()
     tool.GetSubShapes_s(label, below)
     for child in below:
         shape = tool.GetShape_s(child)
-        for face in _faces(shape.Moved(place) if not place.IsIdentity() else shape):
+        shape = shape if place.IsIdentity() else shape.Moved(place)
+        found.solids[known:] = [
+            NamedSolid(each.solid, _named((_name(child), *names))) if each.solid.wrapped.IsSame(shape) else each
+            for each in found.solids[known:]
+        ]
+        for face in _faces(shape):
             if (name := _name(child)) not in NO_NAMES and face.wrapped.ShapeType() == shape.ShapeType():
                 found.names.append((face, name))
             if colour := _colour(colours, child):
@@ -229,6 +248,10 @@ def _name(label: Any) -> str:
     return str(attribute.Get().ToExtString()).strip()
 
 
+def _named(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for name in names if name not in NO_NAMES))
+
+
 def _colour(tool: Any, label: Any) -> str:
     from OCP.Quantity import Quantity_ColorRGBA, Quantity_TOC_sRGB
     from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf
@@ -237,129 +260,6 @@ def _colour(tool: Any, label: Any) -> str:
     for kind in (XCAFDoc_ColorSurf, XCAFDoc_ColorGen):
         if tool.GetColor_s(label, kind, colour):
             return "#" + "".join(f"{round(255 * part):02x}" for part in colour.GetRGB().Values(Quantity_TOC_sRGB))
-    return ""
-
-
-# --- one closed solid -------------------------------------------------------------------------------------------
-
-
-def _one_solid(shapes: Sequence[Any], path: Path) -> tuple[Any, list[str]]:
-    """Return the solid of a file; bodies that touch are bonded, shells that close are filled."""
-    solids = [solid for shape in shapes for solid in shape.Solids()]
-    if len(solids) == 1:
-        return solids[0], []
-    if solids:
-        return _fuse(solids, path), [f"The file holds {len(solids)} solids that touch; they are bonded to one."]
-    shells = [shell for shape in shapes for shell in shape.Shells()]
-    faces = [face for shape in shapes for face in shape.Faces()]
-    if not faces:
-        raise InputError(path, "", None, "holds no faces; export the part as a solid body")
-    solid, gap = _sewn(faces)
-    if solid is None:
-        remedy = (
-            f"holds no solid, but {len(shells) or len(faces)} open shell{'s' * (len(shells) > 1)} with {gap} free "
-            "edges; close the surface in the CAD program, and export a solid body"
-        )
-        raise InputError(path, "", None, remedy)
-    return solid, [f"The file holds {len(faces)} faces and no solid; sewn together they close, and are filled."]
-
-
-def _sewn(faces: Sequence[Any]) -> tuple[Any, int]:
-    """Sew faces to a closed shell and fill it; None, and how many edges are free, where it does not close."""
-    import cadquery as cq
-    from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
-
-    sewing = BRepBuilderAPI_Sewing(1e-4)
-    for face in faces:
-        sewing.Add(face.wrapped)
-    sewing.Perform()
-    shells = cq.Shape.cast(sewing.SewedShape()).Shells()
-    if sewing.NbFreeEdges() or len(shells) != 1:
-        return None, sewing.NbFreeEdges()
-    return cq.Solid.makeSolid(shells[0]).fix(), 0
-
-
-def _fuse(solids: Sequence[Any], path: Path) -> Any:
-    """Fuse solids that touch.
-
-    Raises
-    ------
-    InputError
-        If two overlap, or one touches no other.
-    """
-    for first, second in _pairs(len(solids)):
-        common = solids[first].intersect(solids[second])
-        shared = sum(solid.Volume() for solid in common.Solids())
-        if shared > OVERLAP * min(solids[first].Volume(), solids[second].Volume()):
-            remedy = (
-                f"solids {first + 1} and {second + 1} of {len(solids)} overlap by {shared:.3g} mm^3; "
-                "cut one from the other in the CAD program"
-            )
-            raise InputError(path, "", None, remedy)
-    fused = solids[0].fuse(*solids[1:])
-    if len(fused.Solids()) == 1:
-        return fused.Solids()[0]
-    gaps = [
-        (min(solid.distance(other) for j, other in enumerate(solids) if j != i), i) for i, solid in enumerate(solids)
-    ]
-    widest, lonely = max(gaps)
-    why = f"solid {lonely + 1} is {widest:.3g} mm away from the others" if widest > 0 else "they meet in no face"
-    remedy = f"holds {len(solids)} solids that cannot be bonded: {why}; export one body, or let them touch in faces"
-    raise InputError(path, "", None, remedy)
-
-
-def _pairs(count: int) -> Iterator[tuple[int, int]]:
-    return ((i, j) for i in range(count) for j in range(i + 1, count))
-
-
-def _valid(solid: Any, path: Path) -> tuple[Any, list[str]]:
-    """Return a solid without errors, healed where it has some, and what was done.
-
-    Raises
-    ------
-    InputError
-        If its boundary stays open, or crosses itself.
-    """
-    notes = []
-    if not solid.isValid():
-        fixed = solid.fix()
-        healed = fixed.Solids()[0] if len(fixed.Solids()) == 1 else fixed
-        if not healed.isValid() or not healed.Solids():
-            remedy = "the solid is not valid, and healing fails: its boundary is open or crosses itself; repair it"
-            raise InputError(path, "", None, f"{remedy} in the CAD program")
-        change = healed.Volume() / solid.Volume() - 1 if solid.Volume() else 0.0
-        notes.append(f"The solid was not valid and was healed; its volume changed by {100 * change:.2g} %.")
-        solid = healed
-    if solid.Volume() < 0:
-        solid = _cast(solid.wrapped.Reversed())
-        notes.append("The solid was inside out and was turned.")
-    if not all(shell.Closed() for shell in solid.Shells()):
-        raise InputError(path, "", None, "the solid's shell is open; close the surface in the CAD program")
-    if solid.Volume() <= 0:
-        raise InputError(path, "", None, "the solid has no volume; export the part as a solid body")
-    if pair := _crossing(solid):
-        remedy = f"the solid's boundary crosses itself ({pair}); repair it in the CAD program"
-        raise InputError(path, "", None, remedy)
-    return solid, notes
-
-
-def _crossing(solid: Any) -> str:
-    """Say which faces cross; empty if none do."""
-    from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer, BOPAlgo_CheckStatus
-
-    analyzer = BOPAlgo_ArgumentAnalyzer()
-    analyzer.SetShape1(solid.wrapped)
-    analyzer.ArgumentTypeMode = False
-    analyzer.SelfInterMode = True
-    analyzer.SmallEdgeMode = False
-    analyzer.Perform()
-    faces = solid.Faces()
-    for result in analyzer.GetCheckResult():
-        if result.GetCheckStatus() != BOPAlgo_CheckStatus.BOPAlgo_SelfIntersect:
-            continue
-        shapes = [_cast(shape) for shape in (*result.GetFaultyShapes1(), *result.GetFaultyShapes2())]
-        found = sorted({i for shape in shapes for i, face in enumerate(faces) if face.isSame(shape)})
-        return f"faces {' and '.join(f'{i + 1}' for i in found)}" if found else "at an edge"
     return ""
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -86,6 +86,7 @@ class StepPart:
 
     dimensions: ClassVar[tuple[Parameter, ...]] = ()
     source_file: ClassVar[Path]
+    source_solids: ClassVar[tuple[str, ...]] = ()
     design_file: ClassVar[Path]
     port_tables: ClassVar[Mapping[str, PortTable]]
     #: What a STEP file does not contain: see `flexdesign.design.part.states`.
@@ -96,7 +97,7 @@ class StepPart:
     @classmethod
     def body(cls) -> step_file.StepBody:
         """Return the solid with what its file says of it."""
-        return step_file.read(cls.source_file)
+        return step_file.read(cls.source_file, cls.source_solids)
 
     def notes(self) -> tuple[str, ...]:
         """Return what was done to the solid when it was read, and in which unit its file is."""
@@ -162,8 +163,19 @@ def listed(body: step_file.StepBody) -> tuple[SolidFace, ...]:
     return faces.of_solid(body.solid, body.names, body.colours)
 
 
-def load(name: str, tables: Mapping[str, Any], design_file: Path) -> type[StepPart]:
+def load(name: str, tables: Mapping[str, Any], design_file: Path, solids: Sequence[str | int] = ()) -> type[StepPart]:
     """Return the class of a part: the STEP file `name` next to the design, with the ports of the design.
+
+    Parameters
+    ----------
+    name
+        Of the file.
+    tables
+        The table of each port, by its name.
+    design_file
+        The design.
+    solids
+        Names or numbers of the solids that are meant, where the file holds several; by default all.
 
     Raises
     ------
@@ -188,9 +200,16 @@ def load(name: str, tables: Mapping[str, Any], design_file: Path) -> type[StepPa
     if roles.count("output") != 1:
         remedy = "exactly one port must have the role output: the faces whose motion is sought"
         raise InputError(design_file, "ports", ", ".join(checked), remedy)
-    digest = hashlib.sha256(repr((str(path.resolve()), design_file, checked)).encode()).hexdigest()[:8]
+    digest = hashlib.sha256(repr((str(path.resolve()), design_file, solids, checked)).encode()).hexdigest()[:8]
     title = "".join(word.capitalize() for word in re.split(r"\W+|_", path.stem) if word) or "Step"
-    content = {"source_file": path, "design_file": design_file, "port_tables": checked, "_ports": None, "_planes": None}
+    content = {
+        "source_file": path,
+        "source_solids": tuple(map(str, solids)),
+        "design_file": design_file,
+        "port_tables": checked,
+        "_ports": None,
+        "_planes": None,
+    }
     cls: type[StepPart] = type(title, (StepPart,), content | {"digest": digest})
     return cls
 

@@ -60,7 +60,12 @@ def brief(faces: Sequence[SolidFace]) -> Table:
 
 
 def document(
-    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
+    path: Path,
+    body: StepBody,
+    faces: Sequence[SolidFace],
+    thin: ThinRegions,
+    solids: Sequence[str],
+    progress: Callable[[str], None],
 ) -> Document:
     """Return the report, with a picture where it can be drawn."""
     others = sum(face.kind not in KINDS for face in faces)
@@ -69,11 +74,16 @@ def document(
         f"cylindrical; the file is in {body.unit.lower() or 'no stated unit'}.",
         *body.notes,
     ]
-    return Document(f"{path.name}: faces", summary, partial(_sections, path, body, faces, thin, progress))
+    return Document(f"{path.name}: faces", summary, partial(_sections, path, body, faces, thin, solids, progress))
 
 
 def _sections(
-    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
+    path: Path,
+    body: StepBody,
+    faces: Sequence[SolidFace],
+    thin: ThinRegions,
+    solids: Sequence[str],
+    progress: Callable[[str], None],
 ) -> list[Section]:
     progress("drawing")
 
@@ -95,7 +105,7 @@ def _sections(
     sections = [
         Section("Faces", missing, [table(faces)], figures),
         Section("What is thin", (), [Table(["region", "thickness", "extent", "centre [mm]"], rows)]) if rows else None,
-        Section("A design to start from", design(path.name, faces).splitlines()),
+        Section("A design to start from", design(path.name, faces, solids).splitlines()),
     ]
     return [section for section in sections if section is not None]
 
@@ -127,14 +137,15 @@ def result(body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions) -> dic
     }
 
 
-def design(part: str, faces: Sequence[SolidFace]) -> str:
+def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) -> str:
     """Return a design to start from: the two outermost plane faces along the longest way as ground and output."""
     planes = [face for face in faces if face.kind == "plane"] or list(faces)
     centres = np.array([face.centroid for face in planes])
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     along = [f for f in planes if abs(f.normal[axis]) > 0.99] or planes
     ends = [min(along, key=lambda f: f.centroid[axis]), max(along, key=lambda f: f.centroid[axis])]
-    lines = [f"format = {FORMAT}", f"part = {quote(part)}", 'material = "Al 7075-T6"']
+    meant = [f"solids = [{', '.join(map(quote, solids))}]"] if solids else []
+    lines = [f"format = {FORMAT}", f"part = {quote(part)}", *meant, 'material = "Al 7075-T6"']
     for name, face in zip(("ground", "output"), ends, strict=True):
         lines += ["", f"[ports.{name}]", *how_to_name(face).split(", normal")[:1]]
         if not face.name:

@@ -10,6 +10,7 @@ import cadquery as cq
 import numpy as np
 import pytest
 
+from flexdesign.api.step_files import read_ports
 from flexdesign.core.errors import InputError
 from flexdesign.design import design, faces, step_file, step_part
 from flexdesign.design.step_part import StepPart
@@ -200,6 +201,63 @@ def test_solids_apart_or_through_each_other_are_refused(tmp_path: Path, shift: f
         step_file.read(tmp_path / "two.step")
 
 
+def assembly(path: Path) -> Path:
+    """Write two leaves of one shape on a plate, and a screw through the plate."""
+    plate, leaf = cq.Workplane().box(20, 20, 4), cq.Workplane().box(1, 20, 10)
+    whole = cq.Assembly(name="stage").add(plate, name="plate")
+    for side in (-1, 1):
+        whole.add(leaf, name="leaf" if side < 0 else "further leaf", loc=cq.Location((9.5 * side, 0, 7)))
+    whole.add(cq.Workplane().circle(1).extrude(6), name="screw")
+    whole.export(str(path))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("solids", "volume"),
+    [(("further leaf",), 200), (("2",), 200), (("plate", "further leaf"), 1800), (("plate", "leaf"), 2000)],
+)
+def test_some_solids_of_an_assembly_are_taken(tmp_path: Path, solids: tuple[str, ...], volume: float) -> None:
+    path = assembly(tmp_path / "stage.step")
+    body = step_file.read(path, solids)
+    assert body.solid.Volume() == pytest.approx(volume)
+    assert any("Of the 4 solids of the file" in note and "taken" in note for note in body.notes)
+    file = written(tmp_path, path.name)
+    file.write_text(file.read_text().replace("material", f"solids = {[*solids]}\nmaterial"))
+    assert design.read(file).part().solid().Volume() == pytest.approx(volume)
+
+
+@pytest.mark.parametrize(
+    ("solids", "words"),
+    [
+        ((), 'solid 1 "plate" and solid 4 "screw" of 4 overlap.*solids.*"leaf" .2, 3.'),
+        (("leaf",), "18 mm away"),
+        (("Leaf",), 'solids = Leaf: no solid has this name or number; the file holds "plate" .1., "leaf" .2, 3.'),
+        (("5",), "no solid has this name or number"),
+        (("0",), "no solid has this name or number"),
+    ],
+)
+def test_solids_that_cannot_be_taken_are_refused(tmp_path: Path, solids: tuple[str, ...], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        step_file.read(assembly(tmp_path / "stage.step"), solids)
+
+
+def test_all_solids_of_a_name_are_taken_and_a_body_may_have_several(tmp_path: Path) -> None:
+    pair = cq.Compound.makeCompound([cq.Workplane(origin=(x, 0, 0)).box(4, 4, 4).val() for x in (0, 4)])
+    cq.Assembly(name="stage").add(pair, name="pair").add(
+        cq.Workplane(origin=(30, 0, 0)).box(1, 1, 1), name="loose"
+    ).export(str(tmp_path / "stage.step"))
+    assert step_file.read(tmp_path / "stage.step", ("pair",)).solid.Volume() == pytest.approx(128)
+    with pytest.raises(InputError, match=r"cannot be bonded.*loose.*23\.5 mm"):
+        step_file.read(tmp_path / "stage.step")
+
+
+def test_solids_are_of_step_files(tmp_path: Path) -> None:
+    file = tmp_path / "design.toml"
+    file.write_text('format = 1\npart = "bridge_amplifier"\nsolids = [1]\nmaterial = "Al 7075-T6"\n')
+    with pytest.raises(InputError, match="solids = 1: belong to a part from a STEP file"):
+        design.read(file)
+
+
 def test_an_open_shell_is_refused_and_a_closed_one_filled(tmp_path: Path) -> None:
     walls = cq.Workplane().box(4, 4, 4).val().Faces()
     cq.exporters.export(cq.Workplane(cq.Compound.makeCompound(walls[:-1])), str(tmp_path / "open.step"))
@@ -286,6 +344,14 @@ def test_an_actuator_needs_inputs(tmp_path: Path) -> None:
     file.write_text(f'{file.read_text()}\n[actuator]\nfree_stroke = "10 um"\nstiffness = "10 N/um"\n')
     with pytest.raises(InputError, match="no port with the role input"):
         design.read(file)
+
+
+def test_the_design_to_start_from_takes_the_same_solids(tmp_path: Path) -> None:
+    found = read_ports(assembly(tmp_path / "stage.step"), solids=["further leaf"]).found
+    file = tmp_path / "leaf.toml"
+    file.write_text(found.design_for(tmp_path))
+    assert 'solids = ["further leaf"]' in file.read_text()
+    assert design.read(file).part().solid().BoundingBox().xmax == pytest.approx(10)
 
 
 def test_the_design_to_start_from_can_be_read(tmp_path: Path) -> None:
