@@ -13,13 +13,14 @@ import pytest
 from flexdesign.diagnosis import procedure
 from flexdesign.estimation.model_selection import fitted_model, model_comparison, restarts, stepwise_selection
 from studies.ablation import __main__ as command
-from studies.ablation import ablation, parts, report
+from studies.ablation import ablation, parts, recordings, report
 from studies.ablation.ablation import Ablation
 from studies.ablation.parts import PARTS, switched_off, watching
 from studies.hidden_effect_trial import trial
 from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.scoring import Diagnosed
 from studies.hidden_effect_trial.trial import Outcome
+from studies.real_recordings.__main__ import Recording
 
 BY_KEY = {part.key: part for part in PARTS}
 
@@ -144,3 +145,35 @@ def test_the_row_of_a_part_counts_what_changes(tmp_path: Path) -> None:
     assert change[1] == "20002" and change[3] == "wrong: effects-found: creep and mains_hum"
     (line,) = report.write(found, [BY_KEY["escape"]], tmp_path, 7)
     assert line.startswith("escape  2 of 3") and (tmp_path / "report.html").is_file()
+
+
+# --- recordings of others -------------------------------------------------------------------------------------------
+
+
+def test_recordings_are_diagnosed_without_the_parts_that_act(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "data" / "piezo-loops").mkdir(parents=True)
+    asked = list[str]()
+
+    def answered(recording: Recording, _: Path, without: str = "") -> recordings.Answer:
+        asked.append(without)
+        error = {"escape": 2e-9, "jumps": 1.005e-9}.get(without, 1e-9)
+        acted = () if without else ("escape", "jumps", "backward")
+        return recordings.Answer(recording.title, without, "creep", error, f"{1e9 * error:.3g} nm", 1.0, acted)
+
+    monkeypatch.setattr(trial, "ProcessPoolExecutor", _Here)
+    monkeypatch.setattr(recordings, "as_completed", list)
+    monkeypatch.setattr(recordings, "answer", answered)
+    monkeypatch.setattr(parts, "PARTS", tuple(BY_KEY[key] for key in ("escape", "jumps", "refine")))
+    for _ in range(2):
+        assert command.main(["--recordings", str(tmp_path / "data"), "--out", str(tmp_path)]) == 0
+    assert asked == ["", "escape", "jumps"]
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[:4] == ["all parts  creep, 1 nm", "escape  creep, 2 nm", "jumps  same", "refine  –"]
+    assert "| escape | restarts" in (tmp_path / "recordings" / "report.md").read_text()
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--recordings", str(tmp_path)]) == 2
+    assert "holds none of positioning-drive" in capsys.readouterr().err

@@ -154,6 +154,7 @@ def test_a_folder_with_its_description(tmp_path: Path) -> None:
     assert (first.name, first.role, first.between_samples) == ("a", "identify", "linear")
     assert (second.name, second.role, second.between_samples) == ("b", "validate", "hold")
     assert read_measurements(tmp_path / "measurements.toml").title == "Bench 3"
+    assert [run.name for run in read_runs([tmp_path / "measurements.toml"])] == ["a", "b"]
 
 
 def test_noise_is_stated_once_for_every_sensor_that_is_not_described(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from studies.ablation import ablation, parts, report
+from studies.ablation import ablation, parts, recordings, report
+from studies.ablation.parts import Part
 from studies.hidden_effect_trial import trial
 
 #: A fresh seed is smaller than this.
@@ -26,6 +27,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--most", type=int, default=8, metavar="N", help="cases for each part [default: %(default)s]")
     parser.add_argument("--only", metavar="PART", help="one part, e.g. escape")
+    parser.add_argument(
+        "--recordings", type=Path, metavar="FOLDER", help="recordings of others, as studies.real_recordings reads them"
+    )
     parser.add_argument("--jobs", type=int, default=trial.settings().jobs, help="processes [default: %(default)s]")
     parser.add_argument("--out", type=Path, default=Path("reports/ablation"), help="folder, with one for each seed")
     given = parser.parse_args(arguments)
@@ -37,10 +41,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    if given.recordings is not None:
+        return _recordings(given.recordings, chosen, given.out / "recordings", given.jobs)
     settings, out = trial.settings().sample(given.sample), trial.folder_of(given.out, seed)
     numbers = _mixed([*settings.numbers(), *settings.imperfect_numbers()])
     found = ablation.run(numbers, chosen, given.most, out, given.jobs, seed, _say)
     for line in report.write(found, chosen, out, seed):
+        print(line)
+    print(out / "report.html")
+    return 0
+
+
+def _recordings(folder: Path, chosen: Sequence[Part], out: Path, jobs: int) -> int:
+    try:
+        answers = recordings.run(folder, chosen, out, jobs, _say)
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for line in recordings.write(answers, chosen, out):
         print(line)
     print(out / "report.html")
     return 0

@@ -81,3 +81,19 @@ def test_the_run_that_fits_worst_is_left_out_at_first(monkeypatch: pytest.Monkey
     few = dataclasses.replace(about.task, identify=about.task.identify.part(about.task.identify.names[:2]))
     of_two = fit_model(few, about.model, (about.effect,))
     assert of_two is not None and leave_out_worst(few, of_two) is of_two
+
+
+def test_a_search_over_thresholds_ends_where_every_step_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    about = problem(0, 0.05)
+    fit = fit_model(about.task, about.model, (about.effect,))
+    assert fit is not None
+    tried = list[float]()
+
+    def always_better(task: EstimationTask, model: Any, *_: Any, **__: Any) -> Any:
+        tried.append(next(p.start for p in model.parameters() if p.name == "r") or 0.0)
+        return dataclasses.replace(fit.solution, cost=fit.cost - 1e3 * len(tried))
+
+    monkeypatch.setattr(restarts, "solve_case", always_better)
+    monkeypatch.setattr(restarts, "search_initial_states", lambda task, dataset, model: model)
+    escape(about.task, fit)
+    assert len(tried) == 16

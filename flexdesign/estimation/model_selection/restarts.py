@@ -17,8 +17,9 @@ from flexdesign.estimation.model_selection.fitted_model import (
 
 #: Runs that are fitted at least where one is left out.
 FEWEST_RUNS = 2
-#: Factors by which thresholds are moved at first: less is within the reach of derivatives.
-THRESHOLD_FACTORS = (1.1, 0.9)
+#: Factors by which thresholds are moved at first: less is within the reach of derivatives; and how often such a step is
+#: doubled at most, to a factor of 1e5.
+THRESHOLD_FACTORS, MOST_DOUBLINGS = (1.1, 0.9), 8
 
 
 def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
@@ -60,12 +61,13 @@ def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | Non
     if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change more than is sought
         model, cost = fit.model, fit.cost
     for factor in THRESHOLD_FACTORS:
-        while True:
-            value = next(p.start for p in model.parameters() if p.name == name)
-            rough = solve_case(task, model.replace({name: factor * (value or 0.0)}), fit.effects, effort=ROUGH)
+        for doublings in range(MOST_DOUBLINGS):
+            start = next(p.start for p in model.parameters() if p.name == name) or 0.0
+            elsewhere = model.replace({name: factor**2**doublings * start})
+            rough = solve_case(task, elsewhere, fit.effects, effort=ROUGH)
             if rough is None or rough.cost >= cost - fit.discrepancy:
                 break
-            best, cost, model, factor = rough, rough.cost, rough.problem.at(rough.x), factor**2
+            best, cost, model = rough, rough.cost, rough.problem.at(rough.x)
     return best
 
 

@@ -122,7 +122,8 @@ def read_frequency_response(path: str | Path) -> FrequencyResponse:
 def read_recordings(paths: Iterable[str | Path]) -> tuple[Run | FrequencyResponse, ...]:
     """Read runs and frequency responses: files, and all CSV and Parquet files of folders in alphabetical order.
 
-    A file whose first column is ``f [Hz]`` is a frequency response; one that is named twice is read once.
+    A file whose first column is ``f [Hz]`` is a frequency response; one that is named twice is read once. A
+    ``measurements.toml`` stands for its folder.
 
     Raises
     ------
@@ -132,7 +133,8 @@ def read_recordings(paths: Iterable[str | Path]) -> tuple[Run | FrequencyRespons
     """
     found: dict[Path, Run | FrequencyResponse] = {}
     for path in map(Path, paths):
-        for file in _recordings(path) if toml_files.is_folder(path) else [path]:
+        folder = path.parent if path.name == description.NAME else path
+        for file in _recordings(folder) if toml_files.is_folder(folder) else [path]:
             if file.resolve() not in found:
                 is_response = frequency_response.is_frequency_response(file)
                 found[file.resolve()] = read_frequency_response(file) if is_response else read_run(file)
