@@ -18,10 +18,11 @@ import pytest
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import identify as identification
 from flexdesign.diagnosis.comparison import RunComparison
-from flexdesign.diagnosis.identify import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, identify, prior
+from flexdesign.diagnosis.identify import identify
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import DELAY, AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
 from flexdesign.dynamics.simulate import Loop, simulate
 from flexdesign.dynamics.stage_model import AxisModel, ControllerTiming, Driver, StageModel
 from flexdesign.estimation import fit
@@ -259,11 +260,11 @@ def test_stated_uncertainty_is_prior_knowledge_unless_assumed() -> None:
     axis = replace(
         START, uncertainty={"gain": 0.1, "damping_ratio": 1.0, "bouc_wen.a": 0.5}, assumed=("damping_ratio",)
     )
-    assert prior(axis, FREE) == {"gain": (2e-6, pytest.approx(2e-7)), "bouc_wen.a": (2e-7, pytest.approx(1e-7))}
+    assert axis.prior(FREE) == {"gain": (2e-6, pytest.approx(2e-7)), "bouc_wen.a": (2e-7, pytest.approx(1e-7))}
     effect = {"bouc_wen": {**START.effects["bouc_wen"], "rest": -1e-6}}
-    assert not prior(replace(axis, effects=effect, uncertainty={REST: 0.1}), FREE)  # another record, another rest
+    assert not replace(axis, effects=effect, uncertainty={REST: 0.1}).prior(FREE)  # another record, another rest
     lumped = replace(axis, uncertainty={"mass": 0.03, "stiffness": 0.04})
-    assert prior(lumped, FREE) == {"natural_frequency": (116.4, pytest.approx(0.025 * 116.4))}
+    assert lumped.prior(FREE) == {"natural_frequency": (116.4, pytest.approx(0.025 * 116.4))}
 
 
 def test_a_prior_carries_what_the_runs_do_not() -> None:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.signal import StateSpace, lsim
 
 from flexdesign.diagnosis import diagnose
+from flexdesign.diagnosis.calibration import calibrate_task
 from flexdesign.diagnosis.effect_selection import linear_system
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.preparation.dataset import prepare
-from flexdesign.diagnosis.procedure import calibrate_task
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
 from flexdesign.estimation.least_squares.dataset import Dataset

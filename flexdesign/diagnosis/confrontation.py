@@ -19,14 +19,13 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import procedure, verdict
+from flexdesign.diagnosis.calibration import CalibratedTask, calibrate_task, evaluate_design
 from flexdesign.diagnosis.confronted import Confronted, Evidence, settings_of
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.procedure import CalibratedTask
 from flexdesign.diagnosis.result import ErrorStep, Value
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
-from flexdesign.estimation.model_selection.calibration import evaluate_design
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -127,7 +126,7 @@ class Confrontation:
     def _calibrated_task(self) -> CalibratedTask:
         """The task with the model's own numbers fitted: when they are first needed."""
         if self._calibrated is None:
-            begun = procedure.calibrate_task(self.data, self._case, self._dynamics)
+            begun = calibrate_task(self.data, self._case, self._dynamics)
             self._calibrated, self._nominal = begun, predict_tests(begun.task, begun.nominal)
             self._kept[()] = _CachedFit(predict_tests(begun.task, begun.calibrated))
         return self._calibrated

@@ -19,21 +19,17 @@ from numpy.typing import NDArray
 from flexdesign import effects, estimation
 from flexdesign.core import units
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.axis_noise import noise_of_axis
 from flexdesign.diagnosis.comparison.compare import RunComparison, compare_run
 from flexdesign.dynamics.axis.axis_choice import choose_axis, require_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import DELAY
+from flexdesign.dynamics.axis.axis_parameters import DELAY, HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
 from flexdesign.dynamics.axis.axis_run import doubts, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation import Estimate, Fit, Starts
-from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.measurements.noise_level import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
-#: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
-LINEAR_PARAMETERS = ("gain", "damping_ratio", "natural_frequency")
-HYSTERESIS_PARAMETERS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
 #: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
 #: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
 CONTRADICTION = 1.02
@@ -156,7 +152,8 @@ def identify(
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
-    dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
+    dynamics, its = search.dynamics, model.axes[name]
+    noise = noise_floor(runs, name, settling_time=its.settling_time, sensor_noise=its.sensor.noise)
     made = [compare_run(dynamics, run, noise.rms[run.name]) for run in seen]
     matches = tuple(
         replace(match, remarks=(*match.remarks, *_in_a_loop(run, name))) for match, run in zip(made, seen, strict=True)
@@ -207,27 +204,6 @@ def _without_interval(estimate: Estimate) -> Estimate:
     return replace(estimate, sigma=None, interval=None, reason="")
 
 
-def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return what is known of some numbers of an axis: value and standard deviation, SI.
-
-    The natural frequency may be known through mass and stiffness: relative errors of both, halved and added in squares.
-
-    >>> axis = AxisModel(100.0, 0.02, 2e-6, uncertainty={"gain": 0.1, "damping_ratio": 1.0}, assumed=("damping_ratio",))
-    >>> prior(axis, ["gain", "damping_ratio"])
-    {'gain': (2e-06, 2e-07)}
-    """
-    relative = dict(axis.uncertainty)
-    lumped = [relative[part] for part in ("mass", "stiffness") if part in relative]
-    if lumped:
-        relative.setdefault("natural_frequency", 0.5 * math.hypot(*lumped))
-    known = {name: (axis.numbers[name], relative[name]) for name in names if name in relative}
-    return {
-        name: (value, abs(value) * sigma)
-        for name, (value, sigma) in known.items()
-        if value and sigma and name not in axis.assumed and not name.endswith(".rest")  # each record begins elsewhere
-    }
-
-
 class _Search:
     """The fits of an identification: what turns out undetermined is held, until all that is free is determined."""
 
@@ -240,7 +216,7 @@ class _Search:
         progress: Callable[[str], None],
     ) -> None:
         self.start, self.runs, self.asked, self.progress = start, runs, tuple(asked), progress
-        self.known = prior(start.axis, asked)
+        self.known = start.axis.prior(asked)
         self.held: dict[str, Held] = {}
         self.evaluations = 0
         # Simulations of 1e-5 of the span determine the best minimum: they are faster, and still below any noise.

@@ -9,39 +9,34 @@ velocity and voltage explains more.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import cast
 
 import numpy as np
 
-from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.calibration import calibrate_task
 from flexdesign.diagnosis.effect_selection.basis_functions import basis_functions_of
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     PREDICTION_ERROR,
-    PRIOR_BOUND,
     case_of,
     choose_interpolation,
-    find_undetermined,
     simulating,
-    with_beginnings,
 )
 from flexdesign.diagnosis.effect_selection.linear_system import is_better_linear
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
 from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency, offset_residual
+from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.truncated_runs import truncate
 from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import accepted_fits, decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import BETTER, INDISTINGUISHABLE, WORSE
-from flexdesign.estimation.model_selection.calibration import calibrate, evaluate_design
+from flexdesign.estimation.criterion import BETTER
 from flexdesign.estimation.model_selection.confounding import confusable
 from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined, relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -57,7 +52,7 @@ from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, select
+from flexdesign.estimation.model_selection.stepwise_selection import select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
@@ -178,85 +173,6 @@ LINEAR_IS_BETTER = (
     "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
     "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class CalibratedTask:
-    """A task with the fit of the model's own numbers, to which effects are added.
-
-    Parameters
-    ----------
-    task
-        The task, with the numbers that the runs can show, and the initial conditions of the calibrated model.
-    nominal, fit, calibrated
-        The model as designed, with its own numbers fitted, and the one of both that is kept.
-    undetermined
-        The model's own numbers that the runs cannot show.
-    is_refused
-        Whether calibration made the validation runs worse, so that the design values are kept.
-    """
-
-    task: EstimationTask
-    nominal: FittedModel
-    fit: FittedModel
-    calibrated: FittedModel
-    undetermined: tuple[str, ...]
-    is_refused: bool
-
-    @property
-    def origins(self) -> tuple[FittedModel, ...]:
-        """Where additions start from as well: at a gross misfit, parameters may have moved far to imitate an effect."""
-        return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
-
-
-def calibrate_task(
-    data: DiagnosisData,
-    task: EstimationTask,
-    dynamics: AxisDynamics,
-    preliminary: SelectionHistory | None = None,
-) -> CalibratedTask:
-    """Fit the model's own numbers.
-
-    Parameters
-    ----------
-    data, task, dynamics
-        What is diagnosed, the task that it sets, and the model of the axis.
-    preliminary
-        A search in a part of the runs, whose calibration is where the fit starts.
-
-    Raises
-    ------
-    InputError
-        If the model cannot be simulated at the values it has.
-    """
-    task.progress("predicting with the model as it is")
-    held = find_undetermined(task, dynamics)
-    task = replace(task, free=tuple(name for name in task.free if name not in held))
-    nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
-    task.progress("calibrating")
-    if preliminary is None:
-        fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
-    else:
-        fit = fit_model(task, with_values(dynamics, preliminary.calibration.model))
-    if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
-        fit = fit_model(task, fit.model)
-    if fit is not None and fit.exceeds_noise:
-        fit = escape(task, fit)
-    if nominal is None or fit is None:
-        raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    increase = fit.validation_chi2 - nominal.validation_chi2
-    is_refused = (
-        bool(task.validate.records)
-        and data.error(fit) > WORSE * data.error(nominal)
-        and increase > INDISTINGUISHABLE * fit.discrepancy
-    )
-    if is_refused or fit.scale > GROSS_MISFIT:
-        as_designed = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
-        nominal = as_designed or nominal
-    calibrated = nominal if is_refused else fit
-    task = replace(task, calibrated_excess=calibrated.excess)
-    return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
 
 
 def search(

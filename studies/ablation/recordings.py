@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from contextlib import ExitStack
@@ -21,6 +22,8 @@ from studies.real_recordings.__main__ import RECORDINGS, Recording, diagnose_rec
 KEPT = "recordings.jsonl"
 #: A part is said to matter to an error that differs by more than this share without it.
 SAME_ERROR = 0.01
+#: A diagnosis without a part is given up after this time [s].
+LONGEST = 300.0
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Answer:
     title, without
         The recording, and the part that was switched off; empty if none was.
     named
-        The effects that were named, as text.
+        The effects that were named, the verdict where there are none, or that it did not end, as text.
     error
         Rms residual of the validation runs with them, SI, and as text.
     error_text
@@ -56,7 +59,7 @@ class Answer:
         return self.named != other.named or abs(other.error - self.error) > SAME_ERROR * self.error
 
     def __str__(self) -> str:
-        return f"{self.named}, {self.error_text}"
+        return ", ".join(filter(None, (self.named, self.error_text)))
 
 
 def answer(recording: Recording, folder: Path, without: str = "") -> Answer:
@@ -67,9 +70,13 @@ def answer(recording: Recording, folder: Path, without: str = "") -> Answer:
         if without:
             (part,) = (each for each in PARTS if each.key == without)
             stack.enter_context(switched_off(part))
+            stack.enter_context(trial.no_longer_than(LONGEST))
         else:
             acted = stack.enter_context(watching())
-        found = diagnose_recording(recording, folder / recording.folder)
+        try:
+            found = diagnose_recording(recording, folder / recording.folder)
+        except TimeoutError:
+            return Answer(recording.title, without, f"no end in {LONGEST:g} s", math.inf, "", process_time() - began)
     named = " and ".join(diagnosis_text.effect_name(each.name) for each in found.effects) or found.verdict
     error = found.validation_error if found.effects else found.error_ladder[-1].error
     text = comparison_text.error(diagnosis_text.response(found), error)

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexdesign.core.model import Model
+from flexdesign.diagnosis.calibration import calibrate
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     case_of,
@@ -44,10 +45,15 @@ from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt
-from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, SMALL_REDUCTION, Columns, Effort
+from flexdesign.estimation.least_squares.levenberg_marquardt import (
+    CALIBRATION,
+    MINIMUM,
+    SMALL_REDUCTION,
+    Columns,
+    Effort,
+)
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
-from flexdesign.estimation.model_selection.calibration import CALIBRATION_EFFORT, calibrate
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -165,7 +171,7 @@ def solve_scipy(problem: Problem, manner: FitSettings, old: Columns) -> float:
 
 
 SOLVERS: dict[str, Callable[[Problem, FitSettings, Columns], float]] = {"own": solve_own, "SciPy": solve_scipy}
-MANNERS = {"to the end": FitSettings(MINIMUM, False), "roughly": FitSettings(CALIBRATION_EFFORT, True)}
+MANNERS = {"to the end": FitSettings(MINIMUM, False), "roughly": FitSettings(CALIBRATION, True)}
 
 
 def compare_solvers(task: Task, manner: FitSettings) -> dict[str, SolverOutcome]:

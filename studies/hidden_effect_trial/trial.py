@@ -154,7 +154,7 @@ def run_case(number: int, out: Path, seconds: float = 0.0, seed: int = cases.SEE
     folder, answer = make_case(number, out, seed)
     found, error = None, ""
     try:
-        with _no_longer_than(seconds):
+        with no_longer_than(seconds):
             found = subject.diagnose(folder, answer)
     except Exception as problem:  # whatever it is, the other cases go on, and the report names it
         error = f"{type(problem).__name__}: {problem}"
@@ -174,7 +174,7 @@ def _top(module: Path, package: Path) -> str:
     return module.relative_to(package).parts[0].removesuffix(".py")
 
 
-class _no_longer_than:
+class no_longer_than:
     """Raises TimeoutError in this process after some seconds; 0 for never."""
 
     def __init__(self, seconds: float) -> None:

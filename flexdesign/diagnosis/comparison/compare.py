@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.axis_noise import noise_of_axis
 from flexdesign.diagnosis.comparison.error_location import Breakdown, where
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, compared_lines
 from flexdesign.diagnosis.comparison.reversal import correlation
@@ -20,7 +19,7 @@ from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.measurements.noise_level import NoiseFloor, line_noise
+from flexdesign.measurements.noise_level import NoiseFloor, line_noise, noise_floor
 from flexdesign.measurements.noise_level.lines import noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
@@ -201,9 +200,8 @@ def compare(
     lines = {each.name: line_noise(each) for each in measured}
     responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)
     if not seen:
-        noise_floor = noise_of_lines(measured, lines)
-        return Comparison(model, name, (), noise_floor, (), (), perf_counter() - began, responses)
-    noise = noise_of_axis(runs_, name, its)
+        return Comparison(model, name, (), noise_of_lines(measured, lines), (), (), perf_counter() - began, responses)
+    noise = noise_floor(runs_, name, settling_time=its.settling_time, sensor_noise=its.sensor.noise)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
     comparisons, observed = [], []
     for run in seen:

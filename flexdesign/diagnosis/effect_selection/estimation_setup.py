@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from flexdesign.core.model import Model
-from flexdesign.diagnosis.identify import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
     InitialConditions,
@@ -22,11 +21,12 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
     with_initial_conditions,
 )
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
-from flexdesign.estimation.model_selection.calibration import CALIBRATION_EFFORT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
 from flexdesign.estimation.noise.whitening import Whitening
@@ -80,7 +80,7 @@ def choose_interpolation(
     other, found = replace(data, runs=tuple(map(_otherwise, data.runs))), list[FittedModel]()
     for tried in (data, other):
         dynamics, task = case_of(model, tried, each, lambda _: None)
-        if (fit := fit_model(task, dynamics, effort=CALIBRATION_EFFORT)) is None:
+        if (fit := fit_model(task, dynamics, effort=CALIBRATION)) is None:
             return data
         found.append(fit)
     critical = INDISTINGUISHABLE * max(found[0].scale, 1.0)

@@ -26,8 +26,8 @@ from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, LARGE
+from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
 from flexdesign.estimation.least_squares.parameter_transforms import value
-from flexdesign.estimation.model_selection.calibration import CALIBRATION_EFFORT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 
@@ -143,7 +143,7 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
     else:
         task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
         held = model.replace({conflict.number: data.known[conflict.number][0]})
-    without = fit_model(task, held, fit.effects, effort=CALIBRATION_EFFORT)
+    without = fit_model(task, held, fit.effects, effort=CALIBRATION)
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 

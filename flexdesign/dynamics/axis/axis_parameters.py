@@ -14,6 +14,9 @@ from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.dynamics.stage_model import fields as units_of
 
 Scale = Literal["linear", "log", "inverse"]
+#: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
+LINEAR_PARAMETERS = ("gain", "damping_ratio", "natural_frequency")
+HYSTERESIS_PARAMETERS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
 #: How late commands act, as the stage model's file calls it; a number of the stage, not of the axis.
 DELAY = "controller.delay"
 #: How late readings are; a number of the axis.

@@ -13,6 +13,8 @@ from flexdesign.dynamics.stage_model.response_units import ResponseUnits
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
 #: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
 AGREEMENT = 0.01
+#: Decades of decay after which a mode has rung down.
+DECAY_DECADES = 3.0
 
 
 class Contradiction(ValueError):
@@ -246,6 +248,39 @@ class AxisModel:
     def main_share(self) -> float:
         """The part of the static response that the main mode carries [1]."""
         return 1.0 - math.fsum(mode.share for mode in self.modes)
+
+    @property
+    def settling_time(self) -> float:
+        """How long the main mode takes to decay by three decades [s].
+
+        >>> round(AxisModel(118.3, 0.0242, 2e-6).settling_time, 3)
+        0.384
+        """
+        rate = 2 * math.pi * self.natural_frequency * min(max(self.damping_ratio, 1e-3), 1.0)
+        return DECAY_DECADES * math.log(10) / rate
+
+    def prior(self, names: Collection[str]) -> dict[str, tuple[float, float]]:
+        """Return what is known of some numbers: value and standard deviation, SI.
+
+        The natural frequency may be known through mass and stiffness: relative errors of both, halved and added in
+        squares.
+
+        >>> AxisModel(100.0, 0.02, 2e-6, uncertainty={"gain": 0.1}).prior(["gain", "damping_ratio"])
+        {'gain': (2e-06, 2e-07)}
+        """
+        relative = dict(self.uncertainty)
+        lumped = [relative[part] for part in ("mass", "stiffness") if part in relative]
+        if lumped:
+            relative.setdefault("natural_frequency", 0.5 * math.hypot(*lumped))
+        known = {name: (self.numbers[name], relative[name]) for name in names if name in relative}
+        return {
+            name: (value, abs(value) * sigma)
+            for name, (value, sigma) in known.items()
+            if value
+            and sigma
+            and name not in self.assumed
+            and not name.endswith(".rest")  # each record begins elsewhere
+        }
 
     def still_assumed(self, known: Collection[str]) -> tuple[str, ...]:
         """Return what stays assumed once some numbers are known; of a whole table the numbers that are left."""

@@ -51,6 +51,8 @@ class Effort:
 
 #: A fit to convergence; a rough fit that ranks candidates; and steps with the known Jacobian alone.
 FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
+#: The fit of the model's own numbers, whose steps are refined afterwards.
+CALIBRATION = Effort(20, 1e-4, is_exact=False)
 #: The same without regard for time: to the minimum, and all steps of one Jacobian.
 MINIMUM, FOLLOWING = Effort(30, 1e-6), Effort(0, 0.0, is_exact=False)
 
