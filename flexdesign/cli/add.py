@@ -10,7 +10,11 @@ import typer
 from flexdesign.cli.shared import (
     MEASUREMENTS,
     AsJson,
+    AxisName,
+    ModelFile,
+    ModelName,
     Noise,
+    Recordings,
     StageOverrides,
     app,
     file_of,
@@ -48,14 +52,11 @@ are static tables (see `flexdesign diagnose --help`); the design with the effect
 
 @app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def add(
-    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    model: ModelName,
     effect: Annotated[str, typer.Argument(help="Effect: a name, or the path of a file.")],
-    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
-    model_file: Annotated[
-        Path | None,
-        typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
-    ] = None,
-    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
+    recordings: Recordings,
+    model_file: ModelFile = None,
+    axis: AxisName = None,
     noise: Noise = None,
     overrides: StageOverrides = None,
     out: Annotated[

@@ -10,7 +10,10 @@ import typer
 from flexdesign.cli.shared import (
     MEASUREMENTS,
     AsJson,
+    AxisName,
+    ModelName,
     Noise,
+    Recordings,
     StageOverrides,
     app,
     file_of,
@@ -51,9 +54,9 @@ Displacements `u_x`, `u_y` and `theta_z` under a load in columns `F_x [N]`, `F_y
 
 @app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def compare(
-    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
-    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
-    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
+    model: ModelName,
+    recordings: Recordings,
+    axis: AxisName = None,
     noise: Noise = None,
     overrides: StageOverrides = None,
     out: Annotated[

@@ -10,7 +10,11 @@ import typer
 from flexdesign.cli.shared import (
     MEASUREMENTS,
     AsJson,
+    AxisName,
+    ModelFile,
+    ModelName,
     Noise,
+    Recordings,
     StageOverrides,
     app,
     file_of,
@@ -59,13 +63,10 @@ result is written to design.toml.
 
 @app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def diagnose(
-    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
-    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
-    model_file: Annotated[
-        Path | None,
-        typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
-    ] = None,
-    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
+    model: ModelName,
+    recordings: Recordings,
+    model_file: ModelFile = None,
+    axis: AxisName = None,
     effect: Annotated[
         list[str] | None, typer.Option(metavar="PATH", help="File with an effect of your own, tried with the others.")
     ] = None,

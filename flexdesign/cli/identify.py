@@ -10,6 +10,10 @@ import typer
 from flexdesign.cli.shared import (
     MEASUREMENTS,
     AsJson,
+    AxisName,
+    ModelFile,
+    ModelName,
+    Recordings,
     StageOverrides,
     app,
     file_of,
@@ -49,13 +53,10 @@ alone or together with runs, and writes the model. The intervals of `identify` n
 
 @app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def identify(
-    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
-    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
-    model_file: Annotated[
-        Path | None,
-        typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
-    ] = None,
-    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
+    model: ModelName,
+    recordings: Recordings,
+    model_file: ModelFile = None,
+    axis: AxisName = None,
     free: Annotated[
         str | None, typer.Option(metavar="NAMES", help="Parameters to fit, e.g. gain,damping_ratio,bouc_wen.a.")
     ] = None,

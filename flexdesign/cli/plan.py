@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import MEASUREMENTS, AsJson, StageOverrides, app, listed, progress, report_folder, show
+from flexdesign.cli.shared import (
+    MEASUREMENTS,
+    AsJson,
+    ModelName,
+    StageOverrides,
+    app,
+    listed,
+    progress,
+    report_folder,
+    show,
+)
 
 HELP = """Write command files for the bench, within its limits, as inputs of a diagnosis.
 
@@ -38,7 +48,7 @@ report.md, result.json and the figures, in --out.
 
 @app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def plan(
-    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    model: ModelName,
     resolve: Annotated[
         tuple[str, str] | None,
         typer.Option(metavar="A B", help="Two effects to distinguish, e.g. payload_mass stiffness_loss."),

@@ -34,6 +34,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+ModelName = Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")]
+Recordings = Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")]
+AxisName = Annotated[str | None, typer.Option(help="Axis, if the stage has several.")]
+ModelFile = Annotated[
+    Path | None,
+    typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only result.json, on stdout.")]
 CacheFolder = Annotated[
     Path | None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import SIMULATION, AsJson, StageOverrides, app, progress, report_folder, show
+from flexdesign.cli.shared import SIMULATION, AsJson, ModelName, StageOverrides, app, progress, report_folder, show
 
 HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
 
@@ -35,7 +35,7 @@ runs/*.csv, recordings that `identify` reads.
 
 @app.command(help=HELP, rich_help_panel=SIMULATION)
 def simulate(
-    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")] = "lin2019_stage",
+    model: ModelName = "lin2019_stage",
     study: Annotated[
         str | None, typer.Argument(help="Study of experiments: a path, or a bare name [default: standard experiments].")
     ] = None,
