@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexdesign.estimation.criterion import cannot_tell_apart
+from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -52,7 +53,8 @@ def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step
     """Return the steps and the fit with alternatives in the place of effects (sequential replacement: Miller 2002).
 
     What was added first may have imitated two effects at once. Each alternative that was accepted at its step is fitted
-    in its place with all that were added later; BIC must prefer it by more than what decides nothing.
+    roughly in its place with all that were added later, and the best of them to the end; BIC must prefer it by more
+    than what decides nothing.
     """
     steps = list(steps)
     for k, step in enumerate(steps):
@@ -60,13 +62,16 @@ def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step
             if name not in fit.names:
                 continue
             accepted = [trial for trial in step.trials if not trial.reason]
-            made = [
+            roughly = [
                 (found, trial)
                 for other, trial in _alternatives(step, accepted, name, fit)
-                if (found := _in_place(task, fit, name, other, trial)) is not None
+                if (found := _in_place(task, fit, name, other, trial, roughly=True)) is not None
             ]
-            best, chosen = max(made, key=lambda pair: bic_lead(pair[0], fit), default=(fit, step.chosen))
-            if not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy):
+            if not roughly:
+                continue
+            rough, chosen = max(roughly, key=lambda pair: bic_lead(pair[0], fit))
+            best = fit_model(task, task.fine(rough.model), rough.effects, old=rough.solution.columns())
+            if best is not None and not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy):
                 fit, steps[k] = best, replace(step, chosen=chosen)
     return steps, fit
 
@@ -82,12 +87,14 @@ def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedMod
     ]
 
 
-def _in_place(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> FittedModel | None:
+def _in_place(
+    task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial, *, roughly: bool = False
+) -> FittedModel | None:
     """Return the fit with another effect in the place of one, from the values that it had in a trial."""
     effects = tuple(other if effect.name == name else effect for effect in fit.effects)
     task.progress(f"fitting with {other.name} in the place of {name}")
-    model = with_effects(task.bare(fit.model), effects)
-    return fit_model(task, with_values(with_values(model, trial.fit.model), fit.model), effects)
+    model = with_values(with_values(with_effects(task.bare(fit.model), effects), trial.fit.model), fit.model)
+    return fit_model(task, task.coarse(model), effects, effort=ROUGH) if roughly else fit_model(task, model, effects)
 
 
 def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> bool:

@@ -86,13 +86,16 @@ def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
     remembers = any(p.run and p.screen for p in fit.model.parameters())
     if not fit.exceeds_noise or len(dataset.records) <= FEWEST_RUNS or not remembers:
         return fit
-    ratios = [float(part @ part) / len(part) for part in fit.solution.residuals]
-    worst = dataset.records[ratios.index(max(ratios))].observation.name
+    squares = [float(part @ part) for part in fit.solution.residuals]
+    ratios = [total / len(part) for total, part in zip(squares, fit.solution.residuals, strict=True)]
+    place = ratios.index(max(ratios))
+    worst = dataset.records[place].observation.name
     task.progress(f"fitting with {' and '.join(fit.names)}, without the run {worst} at first")
     others = solve_case(
         replace(task, identify=dataset.part([name for name in dataset.names if name != worst])), fit.model, fit.effects
     )
-    if others is None:
+    # Where the other runs fit no better without it, it has not moved the numbers.
+    if others is None or sum(squares) - squares[place] - others.misfit <= SHARE * fit.excess:
         return fit
     made = fit_model(task, search_initial_states(task, dataset, others.problem.at(others.x)), fit.effects)
     better = fit if made is None else _better(fit, escape(task, made, ()))
