@@ -83,6 +83,21 @@ def test_the_run_that_fits_worst_is_left_out_at_first(monkeypatch: pytest.Monkey
     assert of_two is not None and leave_out_worst(few, of_two) is of_two
 
 
+def test_a_run_that_moved_no_numbers_is_not_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other runs fit no better without it, and none begins elsewhere: nothing restarts from there."""
+    about = problem(0, 0.01)
+    once = fit_model(about.task, about.model, (about.effect,))
+    assert once is not None and once.exceeds_noise
+    squares = [float(part @ part) for part in once.solution.residuals]
+    places = [k for k in range(len(squares)) if k != int(np.argmax(squares))]
+    same = dataclasses.replace(once.solution, residuals=tuple(once.solution.residuals[k] for k in places))
+    assert same.misfit == pytest.approx(sum(squares) - max(squares))
+    monkeypatch.setattr(restarts, "solve_case", lambda *_: same)
+    monkeypatch.setattr(restarts, "search_initial_states", lambda task, dataset, model: model)
+    monkeypatch.setattr(restarts, "fit_model", None)
+    assert leave_out_worst(about.task, once) is once
+
+
 def test_a_search_over_thresholds_ends_where_every_step_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
     about = problem(0, 0.05)
     fit = fit_model(about.task, about.model, (about.effect,))

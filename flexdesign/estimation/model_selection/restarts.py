@@ -94,9 +94,13 @@ def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
     others = solve_case(
         replace(task, identify=dataset.part([name for name in dataset.names if name != worst])), fit.model, fit.effects
     )
-    # Where the other runs fit no better without it, it has not moved the numbers.
-    if others is None or sum(squares) - squares[place] - others.misfit <= SHARE * fit.excess:
+    if others is None:
         return fit
-    made = fit_model(task, search_initial_states(task, dataset, others.problem.at(others.x)), fit.effects)
+    model = others.problem.at(others.x)
+    begun = search_initial_states(task, dataset, model)
+    # Where the others fit no better, and no run begins elsewhere, nothing is to be gained.
+    if begun is model and sum(squares) - squares[place] - others.misfit <= SHARE * fit.excess:
+        return fit
+    made = fit_model(task, begun, fit.effects)
     better = fit if made is None else _better(fit, escape(task, made, ()))
     return leave_out_worst(task, better) if fit.cost - better.cost > SHARE * fit.excess else better
