@@ -111,7 +111,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with paragraphs, then tables, then figures.
+    """A heading with paragraphs, then a text to copy, tables, and figures.
 
     A `folded` one is opened on demand; its `brief` is read before.
     The figures of a `gallery` are small and stand side by side.
@@ -124,6 +124,7 @@ class Section:
     folded: bool = False
     gallery: bool = False
     brief: str = ""
+    code: str = ""
 
 
 @dataclass(frozen=True)
@@ -190,4 +191,4 @@ class Document:
     def body(self) -> list[Section]:
         """The sections without the figure next to the answer."""
         rest = [replace(s, figures=[f for f in s.figures if f is not self.lead]) for s in self.sections]
-        return [s for s in rest if s.paragraphs or s.tables or s.figures]
+        return [s for s in rest if s.paragraphs or s.code or s.tables or s.figures]

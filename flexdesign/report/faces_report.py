@@ -105,7 +105,7 @@ def _sections(
     sections = [
         Section("Faces", missing, [table(faces)], figures),
         Section("What is thin", (), [Table(["region", "thickness", "extent", "centre [mm]"], rows)]) if rows else None,
-        Section("A design to start from", design(path.name, faces, solids).splitlines()),
+        Section("A design to start from", code=design(path.name, faces, solids).rstrip()),
     ]
     return [section for section in sections if section is not None]
 

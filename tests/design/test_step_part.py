@@ -351,6 +351,8 @@ def test_the_design_to_start_from_takes_the_same_solids(tmp_path: Path) -> None:
     file = tmp_path / "leaf.toml"
     file.write_text(found.design_for(tmp_path))
     assert 'solids = ["further leaf"]' in file.read_text()
+    document = read_ports(tmp_path / "stage.step", solids=["further leaf"]).document
+    assert document.sections[-1].code == found.design_for(tmp_path).rstrip()  # to copy as it is
     assert design.read(file).part().solid().BoundingBox().xmax == pytest.approx(10)
 
 
