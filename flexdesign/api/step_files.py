@@ -27,8 +27,6 @@ class StepFaces:
     ----------
     file
         The file.
-    solids
-        Names or numbers of the solids that are taken; none if all are.
     body
         Its solid, with notes on what was done to it.
     faces
@@ -38,14 +36,13 @@ class StepFaces:
     """
 
     file: Path
-    solids: tuple[str, ...]
     body: step_file.StepBody
     faces: tuple[SolidFace, ...]
     thin: ThinRegions
 
     def design_for(self, folder: Path) -> str:
         """Return a design to start from, for a file in a folder."""
-        return faces_report.design(os.path.relpath(self.file, folder), self.faces, self.solids)
+        return faces_report.design(os.path.relpath(self.file, folder), self.faces, self.body.solids)
 
 
 def read_ports(
@@ -73,10 +70,10 @@ def read_ports(
     progress("reading the solid")
     body = step_file.read(path, tuple(solids))
     progress("looking where it is thin")
-    found = StepFaces(path, tuple(solids), body, step_part.listed(body), thin_regions.find(body.solid))
+    found = StepFaces(path, body, step_part.listed(body), thin_regions.find(body.solid))
     return Result(
         found,
-        faces_report.document(path, body, found.faces, found.thin, found.solids, progress),
+        faces_report.document(path, body, found.faces, found.thin, progress),
         faces_report.brief(found.faces),
         partial(faces_report.result, body, found.faces, found.thin),
         is_table_first=True,

@@ -37,6 +37,8 @@ class StepBody:
         The unit of length in the file; empty if it states none.
     notes
         What was done to make one closed solid of it, one sentence each.
+    solids
+        Names or numbers of the solids that were asked for; none if all are taken.
     """
 
     solid: Any
@@ -44,6 +46,7 @@ class StepBody:
     colours: Mapping[int, str]
     unit: str
     notes: tuple[str, ...] = ()
+    solids: tuple[str, ...] = ()
 
 
 @dataclass
@@ -88,7 +91,7 @@ def _read(path: Path, solids: tuple[str, ...], _changed: int, _size: int) -> Ste
     faces = solid.Faces()
     names = _by_index(faces, labels.names)
     names = _with_order(names, faces, labels.in_order) | names
-    return StepBody(solid, names, _by_index(faces, labels.colours), unit, (*notes, *further, *healed))
+    return StepBody(solid, names, _by_index(faces, labels.colours), unit, (*notes, *further, *healed), solids)
 
 
 def _with_order(names: Mapping[int, str], faces: Sequence[Any], named: Sequence[tuple[str, str]]) -> dict[int, str]:

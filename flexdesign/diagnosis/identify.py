@@ -23,10 +23,10 @@ from flexdesign.diagnosis.comparison.compare import RunComparison, compare_run
 from flexdesign.dynamics.axis.axis_choice import choose_axis, require_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
-from flexdesign.dynamics.axis.axis_run import doubts, of_axis
+from flexdesign.dynamics.axis.axis_run import doubts, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation import Estimate, Fit, Starts
-from flexdesign.measurements.noise_level import NoiseFloor, noise_floor
+from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -152,8 +152,7 @@ def identify(
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
-    dynamics, its = search.dynamics, model.axes[name]
-    noise = noise_floor(runs, name, settling_time=its.settling_time, sensor_noise=its.sensor.noise)
+    dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
     made = [compare_run(dynamics, run, noise.rms[run.name]) for run in seen]
     matches = tuple(
         replace(match, remarks=(*match.remarks, *_in_a_loop(run, name))) for match, run in zip(made, seen, strict=True)

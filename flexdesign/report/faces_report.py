@@ -60,12 +60,7 @@ def brief(faces: Sequence[SolidFace]) -> Table:
 
 
 def document(
-    path: Path,
-    body: StepBody,
-    faces: Sequence[SolidFace],
-    thin: ThinRegions,
-    solids: Sequence[str],
-    progress: Callable[[str], None],
+    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
 ) -> Document:
     """Return the report, with a picture where it can be drawn."""
     others = sum(face.kind not in KINDS for face in faces)
@@ -74,16 +69,11 @@ def document(
         f"cylindrical; the file is in {body.unit.lower() or 'no stated unit'}.",
         *body.notes,
     ]
-    return Document(f"{path.name}: faces", summary, partial(_sections, path, body, faces, thin, solids, progress))
+    return Document(f"{path.name}: faces", summary, partial(_sections, path, body, faces, thin, progress))
 
 
 def _sections(
-    path: Path,
-    body: StepBody,
-    faces: Sequence[SolidFace],
-    thin: ThinRegions,
-    solids: Sequence[str],
-    progress: Callable[[str], None],
+    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
 ) -> list[Section]:
     progress("drawing")
 
@@ -105,7 +95,7 @@ def _sections(
     sections = [
         Section("Faces", missing, [table(faces)], figures),
         Section("What is thin", (), [Table(["region", "thickness", "extent", "centre [mm]"], rows)]) if rows else None,
-        Section("A design to start from", code=design(path.name, faces, solids).rstrip()),
+        Section("A design to start from", code=design(path.name, faces, body.solids).rstrip()),
     ]
     return [section for section in sections if section is not None]
 

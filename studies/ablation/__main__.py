@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.ablation import ablation, parts, recordings, report
-from studies.ablation.parts import Part
 from studies.hidden_effect_trial import trial
 
 #: A fresh seed is smaller than this.
@@ -38,27 +37,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if seed < 0 or given.sample < 1 or given.most < 1:
             raise ValueError("a seed is zero or more; a sample and a number of cases are one or more")
         chosen = parts.chosen(given.only)
+        there = [] if given.recordings is None else recordings.find(given.recordings)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    if given.recordings is not None:
-        return _recordings(given.recordings, chosen, given.out / "recordings", given.jobs)
-    settings, out = trial.settings().sample(given.sample), trial.folder_of(given.out, seed)
-    numbers = _mixed([*settings.numbers(), *settings.imperfect_numbers()])
-    found = ablation.run(numbers, chosen, given.most, out, given.jobs, seed, _say)
-    for line in report.write(found, chosen, out, seed):
-        print(line)
-    print(out / "report.html")
-    return 0
-
-
-def _recordings(folder: Path, chosen: Sequence[Part], out: Path, jobs: int) -> int:
-    try:
-        answers = recordings.run(folder, chosen, out, jobs, _say)
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    for line in recordings.write(answers, chosen, out):
+    if there:
+        out = given.out / "recordings"
+        answers = recordings.run(there, given.recordings, chosen, out, given.jobs, _say)
+        lines = recordings.write(answers, chosen, out)
+    else:
+        settings, out = trial.settings().sample(given.sample), trial.folder_of(given.out, seed)
+        numbers = _mixed([*settings.numbers(), *settings.imperfect_numbers()])
+        found = ablation.run(numbers, chosen, given.most, out, given.jobs, seed, _say)
+        lines = report.write(found, chosen, out, seed)
+    for line in lines:
         print(line)
     print(out / "report.html")
     return 0

@@ -8,7 +8,7 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from studies.ablation.parts import PARTS, Part, switched_off, watching
+from studies.ablation.parts import Part, chosen, switched_off, watching
 from studies.hidden_effect_trial import trial
 from studies.hidden_effect_trial.trial import Outcome
 
@@ -44,7 +44,7 @@ def diagnose_watched(number: int, out: Path, seconds: float, seed: int) -> tuple
 
 def diagnose_without(key: str, number: int, out: Path, seconds: float, seed: int) -> Outcome:
     """Diagnose a case without one part."""
-    (part,) = (each for each in PARTS if each.key == key)
+    (part,) = chosen(key)
     with switched_off(part):
         return trial.run_case(number, out, seconds, seed)
 
@@ -79,7 +79,7 @@ def run(
     acted, as_is = read_acted(out), _read(out / AS_IS, seed)
     left = [number for number in numbers if number not in as_is or number not in acted]
     with trial.worker_pool(jobs) as pool:
-        progress = _Progress(len(left), say)
+        progress = Progress(len(left), say)
         waiting = {pool.submit(diagnose_watched, n, out, seconds, seed): n for n in left}
         for future in as_completed(waiting):
             outcome, keys = future.result()
@@ -87,17 +87,17 @@ def run(
             trial.append_line(out / ACTED, line)
             trial.append_outcome(outcome, out / AS_IS)
             as_is[outcome.number], acted[outcome.number] = outcome, keys
-            progress.end("with all parts", outcome)
+            progress.end(f"with all parts, {outcome.number}: {trial.outcome_text(outcome)}")
         without = {part.key: _read(out / part.key, seed) for part in parts}
         wanted = {part.key: [n for n in numbers if part.key in acted[n]][:most] for part in parts}
         asked = [(key, n) for key, ns in wanted.items() for n in ns if n not in without[key]]
-        progress = _Progress(len(asked), say)
+        progress = Progress(len(asked), say)
         pairs = {pool.submit(diagnose_without, key, n, out, seconds, seed): key for key, n in asked}
         for each in as_completed(pairs):
             key, outcome = pairs[each], each.result()
             trial.append_outcome(outcome, out / key)
             without[key][outcome.number] = outcome
-            progress.end(f"without {key}", outcome)
+            progress.end(f"without {key}, {outcome.number}: {trial.outcome_text(outcome)}")
     made = {key: {n: without[key][n] for n in ns} for key, ns in wanted.items()}
     return Ablation({n: as_is[n] for n in numbers}, {n: acted[n] for n in numbers}, made)
 
@@ -113,14 +113,14 @@ def _read(folder: Path, seed: int) -> dict[int, Outcome]:
     return {number: each for number, each in trial.read_outcomes(folder, seed).items() if each.source == source}
 
 
-class _Progress:
+class Progress:
     """Says each finished diagnosis, and about how long the others take."""
 
     def __init__(self, count: int, say: Callable[[str], None]) -> None:
         self.count, self.done, self.say, self.began = count, 0, say, time.perf_counter()
 
-    def end(self, how: str, outcome: Outcome) -> None:
+    def end(self, text: str) -> None:
+        """Say what a diagnosis gave, and about how long the others take."""
         self.done += 1
         rest = (time.perf_counter() - self.began) / self.done * (self.count - self.done) / 60.0
-        said = trial.outcome_text(outcome)
-        self.say(f"{self.done:4d}/{self.count}  {how}, {outcome.number}: {said}  [about {rest:.0f} min left]")
+        self.say(f"{self.done:4d}/{self.count}  {text}  [about {rest:.0f} min left]")

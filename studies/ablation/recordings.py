@@ -14,7 +14,8 @@ from typing import Any
 from flexdesign.report import comparison_text, render
 from flexdesign.report.diagnosis import diagnosis_text
 from flexdesign.report.document import Document, Section, Table
-from studies.ablation.parts import PARTS, Part, switched_off, watching
+from studies.ablation.ablation import Progress
+from studies.ablation.parts import Part, chosen, switched_off, watching
 from studies.hidden_effect_trial import trial
 from studies.real_recordings.__main__ import RECORDINGS, Recording, diagnose_recording
 
@@ -37,7 +38,7 @@ class Answer:
     named
         The effects that were named, the verdict where there are none, or that it did not end, as text.
     error
-        Rms residual of the validation runs with them, SI, and as text.
+        Rms residual of the validation runs with them, SI.
     error_text
         The same with its unit.
     seconds
@@ -68,7 +69,7 @@ def answer(recording: Recording, folder: Path, without: str = "") -> Answer:
     with ExitStack() as stack:
         acted = set[str]()
         if without:
-            (part,) = (each for each in PARTS if each.key == without)
+            (part,) = chosen(without)
             stack.enter_context(switched_off(part))
             stack.enter_context(trial.no_longer_than(LONGEST))
         else:
@@ -83,17 +84,29 @@ def answer(recording: Recording, folder: Path, without: str = "") -> Answer:
     return Answer(recording.title, without, named, error, text, process_time() - began, tuple(sorted(acted)))
 
 
-def run(folder: Path, parts: Sequence[Part], out: Path, jobs: int, say: Callable[[str], None]) -> list[Answer]:
-    """Diagnose the recordings that a folder holds, with all parts and without each that acts; return all answers.
+def find(folder: Path) -> list[Recording]:
+    """Return the recordings that a folder holds.
 
     Raises
     ------
     ValueError
-        If it holds none of them.
+        If it holds none.
     """
     there = [recording for recording in RECORDINGS if (folder / recording.folder).is_dir()]
     if not there:
         raise ValueError(f"{folder} holds none of {', '.join(recording.folder for recording in RECORDINGS)}")
+    return there
+
+
+def run(
+    there: Sequence[Recording],
+    folder: Path,
+    parts: Sequence[Part],
+    out: Path,
+    jobs: int,
+    say: Callable[[str], None],
+) -> list[Answer]:
+    """Diagnose recordings of a folder, with all parts and without each that acts; return all answers."""
     source, keys = trial.source(), {part.key for part in parts}
     kept = [each for each in trial.read_lines(out / KEPT) if each.pop("source") == source]
     answers = {(each["title"], each["without"]): Answer(**each | {"acted": tuple(each["acted"])}) for each in kept}
@@ -107,11 +120,12 @@ def run(folder: Path, parts: Sequence[Part], out: Path, jobs: int, say: Callable
             pending = [
                 pool.submit(answer, r, folder, without) for r, without in asked if (r.title, without) not in answers
             ]
-            for count, future in enumerate(as_completed(pending), 1):
+            progress = Progress(len(pending), say)
+            for future in as_completed(pending):
                 made = future.result()
                 trial.append_line(out / KEPT, asdict(made) | {"source": source})
                 answers[made.title, made.without] = made
-                say(f"{count:4d}/{len(pending)}  {made.title}, without {made.without or 'nothing'}: {made}")
+                progress.end(f"{made.title}, without {made.without or 'nothing'}: {made}")
     return [each for each in answers.values() if each.without in ("", *keys)]
 
 

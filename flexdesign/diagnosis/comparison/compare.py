@@ -17,9 +17,9 @@ from flexdesign.diagnosis.comparison.reversal import correlation
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
-from flexdesign.dynamics.axis.axis_run import of_axis
+from flexdesign.dynamics.axis.axis_run import noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.measurements.noise_level import NoiseFloor, line_noise, noise_floor
+from flexdesign.measurements.noise_level import NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
@@ -201,7 +201,7 @@ def compare(
     responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)
     if not seen:
         return Comparison(model, name, (), noise_of_lines(measured, lines), (), (), perf_counter() - began, responses)
-    noise = noise_floor(runs_, name, settling_time=its.settling_time, sensor_noise=its.sensor.noise)
+    noise = noise_of_axis(runs_, name, its)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
     comparisons, observed = [], []
     for run in seen:

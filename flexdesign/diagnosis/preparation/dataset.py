@@ -16,12 +16,12 @@ from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
-from flexdesign.dynamics.axis.axis_run import is_at_stack, of_axis
+from flexdesign.dynamics.axis.axis_run import is_at_stack, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import ColouredNoise, Whitening
-from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise, noise_floor
+from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
 
@@ -250,7 +250,7 @@ def prepare(
             lines,
             tolerance,
         )
-    noise = noise_floor(runs, name, settling_time=its.settling_time, sensor_noise=its.sensor.noise)
+    noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
         white = ColouredNoise(Process(np.zeros(0), stated))

@@ -19,6 +19,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Block, Effect, Socket
 from flexdesign.dynamics.stage_model import AxisModel, Driver
+from flexdesign.measurements.noise_level import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import AXES, Run, refuse_wrong_units, suspicions
 
 Array = NDArray[np.float64]
@@ -56,6 +57,11 @@ class AxisRun(Run):
     def measured(self) -> Array:
         """Return the response of this axis, n values."""
         return self.columns[self.response]
+
+
+def noise_of_axis(runs: Sequence[Run], name: str, axis: AxisModel) -> NoiseFloor:
+    """Return the noise of the response of an axis, whose main mode rings down before a stretch is quiet."""
+    return noise_floor(runs, name, settling_time=axis.settling_time, sensor_noise=axis.sensor.noise)
 
 
 def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
