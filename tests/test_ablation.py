@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
@@ -54,15 +55,17 @@ def test_a_part_comes_back_after_an_error() -> None:
 
 
 def test_a_part_acts_where_it_returns_something_else_than_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_comparison, "rank", lambda trials: trials)
-    effect = SimpleNamespace(name="creep", like=("structural_damping",))
-    best: Any = SimpleNamespace(fit=SimpleNamespace(effects=[effect]), names=("creep",))
+    monkeypatch.setattr(model_comparison, "score_of_columns", lambda *_: 7.0)
+    records = SimpleNamespace(problem=SimpleNamespace(dataset=SimpleNamespace(records=[])))
+    fit: Any = SimpleNamespace(solution=records, model=None)
+    without: Any = SimpleNamespace(trace=None)
+    sinusoid: Any = SimpleNamespace(trace=lambda model, observation: None)
     with watching() as acted:
-        assert stepwise_selection.confused_with([]) == set()
+        assert model_comparison._trace(fit, fit, without) == math.inf
     assert acted == set()
     with watching() as acted:
-        assert stepwise_selection.confused_with([best]) == {"structural_damping"}
-    assert acted == {"confused_with"}
+        assert model_comparison._trace(fit, fit, sinusoid) == 7.0
+    assert acted == {"trace"}
 
 
 def test_a_result_that_is_handed_through_is_no_act() -> None:

@@ -96,12 +96,6 @@ PARTS: tuple[Part, ...] = (
     ),
     Part(
         f"{_SELECTION}.model_comparison",
-        "confused_with",
-        "fits effects to the end that the best is confused with",
-        lambda _: set(),
-    ),
-    Part(
-        f"{_SELECTION}.model_comparison",
         "_choose",
         "of approximations takes the one that predicts better",
         lambda _, accepted: next(iter(accepted), None),

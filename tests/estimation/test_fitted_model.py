@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flexdesign.diagnosis import calibration
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, linearise
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, SMALL_REDUCTION, linearise
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import fitted_model as stands
 from flexdesign.estimation.noise.whitening import White
@@ -126,7 +126,8 @@ def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> 
     assert again is not None and again.names == ("c",)
     assert asked == [[p.name for p in fit.model.parameters()]]
     assert {p.name for p in again.model.parameters()} == {p.name for p in fit.model.parameters()} - {"b"}
-    assert again.cost == pytest.approx(fit_with(about, effects()[2:3]).cost, abs=1e-3)
+    # Both ended where less than a tenth of the discrepancy was to be gained.
+    assert again.cost == pytest.approx(fit_with(about, effects()[2:3]).cost, abs=SMALL_REDUCTION * again.discrepancy)
     begun = again.solution.problem.model
     assert {p.name: p.start for p in begun.parameters() if p.name in "pqc"} == pytest.approx(
         {p.name: p.start for p in fit.model.parameters() if p.name in "pqc"}

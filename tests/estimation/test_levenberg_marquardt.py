@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
+from scipy.signal import lfilter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
@@ -30,9 +31,9 @@ from flexdesign.estimation.noise.whitening import White
 from tests.estimation.toys import Array, Run, Toy, parameter
 
 T = np.linspace(0, 2, 150)
-#: A step that promises less than `SMALL_REDUCTION` is the last: no coordinate is then farther from the minimum, in its
-#: standard deviations, than the root of that, as long as the model is straight over such a step; doubled for where it
-#: is not.
+#: A step that promises less than `SMALL_REDUCTION`, times the discrepancy, is the last: no coordinate is then farther
+#: from the minimum, in its standard deviations, than the root of that, as long as the model is straight over such a
+#: step; doubled for where it is not.
 CLOSE = 2 * math.sqrt(SMALL_REDUCTION)
 
 
@@ -110,8 +111,9 @@ def test_minimum_is_that_of_an_independent_program(seed: int) -> None:
     task = problem(model, data, 0.02, k=k, a=(truth["a"] + 0.01, 0.02))
     x, cost = by_scipy(task, data, 0.02)
     found = solved(task)
-    assert found.cost - cost < SMALL_REDUCTION
-    assert np.all(np.abs(found.x - x) <= CLOSE * np.sqrt(np.diag(found.covariance)))
+    discrepancy = task.dataset.discrepancy(found.residuals)  # that of a bound that is not met, in some of them
+    assert found.cost - cost < SMALL_REDUCTION * discrepancy
+    assert np.all(np.abs(found.x - x) <= CLOSE * np.sqrt(np.diag(found.covariance) * discrepancy))
     residuals = task.residuals(found.x)
     assert found.cost == task.cost(found.x, residuals)
     assert np.all((found.x >= task.where.lower) & (found.x <= task.where.upper))
@@ -263,7 +265,7 @@ def test_the_rest_makes_up_for_a_number_that_stops_at_its_bound() -> None:
         (parameter("a", 0.5, -99.0, 99.0), parameter("b", 0.0, -1.0, 9.0)),
     )
     data = 10 * first - 9 * second
-    found = values(solved(problem(model, data, 1e-3)))
+    found = values(solved(problem(model, data, 1e-3), small=SMALL_REDUCTION))
     wanted = lsq_linear(np.column_stack([first, second]), data, ([-99.0, -1.0], [99.0, 9.0])).x
     assert [found["a"], found["b"]] == pytest.approx(wanted, abs=1e-3)
     assert found["b"] == -1.0
@@ -411,10 +413,28 @@ def test_a_share_of_the_cost_ends_a_fit() -> None:
     """No number more precise than a share of the residual allows, where much is left that no number explains."""
     model, data = decay()
     data = data + np.cos(20 * T)
-    ends = {share: solved(problem(model, data, 1e-3), effort=Effort(20, share)) for share in (1e-2, 1e-9)}
+    ends = {share: solved(problem(model, data, 1e-3), effort=Effort(20, share), small=1.0) for share in (1e-2, 1e-9)}
     least = ends[1e-9].cost
     assert least < ends[1e-2].cost < 1.03 * least
     assert ends[1e-2].problem.evaluations < ends[1e-9].problem.evaluations
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fit_ends_by_what_coloured_residuals_determine(seed: int) -> None:
+    """Within a third of the standard deviation that they allow of the minimum; that of white noise costs more steps."""
+    rng, rho = np.random.default_rng(seed), 0.9
+    t = np.linspace(0, 2, 3000)
+    coloured = lfilter([math.sqrt(1 - rho**2)], [1, -rho], rng.normal(0, 0.3, len(t)))
+    model, _ = decay()
+    data = model.replace({"a": 1.2, "k": 1.7}).predict(Run("run", t, np.zeros(len(t)))) + coloured
+    found = solved(problem(model, data, 0.01, t), effort=Effort(20, 0.0))
+    least = solved(problem(model, data, 0.01, t), effort=Effort(20, 0.0), small=1e-3)
+    # Reduced chi^2, and the samples of an autoregressive process of first order that count as one.
+    expected = (0.3 / 0.01) ** 2 * (1 + rho**2) / (1 - rho**2)
+    assert found.problem.dataset.discrepancy(found.residuals) == pytest.approx(expected, rel=0.4)
+    deviations = np.sqrt(np.diag(least.covariance) * expected)
+    assert np.all(np.abs(found.x - least.x) < CLOSE * deviations)
+    assert found.problem.evaluations < least.problem.evaluations
 
 
 def test_a_point_is_linearised_where_it_is() -> None:

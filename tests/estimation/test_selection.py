@@ -221,17 +221,6 @@ def test_a_candidate_whose_score_understates_it_is_found() -> None:
         assert [trial.names for trial in again.trials] == [trial.names for trial in step.trials]
 
 
-def test_what_the_best_is_known_to_be_taken_for_competes_to_the_end() -> None:
-    others = decoys(12)
-    about = with_bell()
-    before = calibrated_stand(about)
-    last = Screening(before.solution, others).best()[-1][0].candidate.name
-    for like in ((), (last,)):
-        step = forward(about, before, [of_bell(like=like), *others])
-        assert (last in {name for trial in step.trials for name in trial.names}) is bool(like)
-        assert step.chosen is not None and step.chosen.names == ("n",)
-
-
 def test_what_promises_too_little_is_not_fitted() -> None:
     """Half of what would be accepted: of the effects in noise hardly any is tried, and what is absent never is."""
     said = list[str]()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
+from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 from flexdesign.estimation.noise.whitening import Scaled, Whitening
 
 Array = NDArray[np.float64]
@@ -176,6 +177,16 @@ class Dataset:
         """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
         difference = record.difference(predicted)
         return np.where(record.present, difference - record.columns @ self.amounts(record, difference), np.nan)
+
+    def discrepancy(self, residuals: Sequence[Array]) -> float:
+        """Return the reduced chi^2 of whitened residuals times the number of samples that count as one; at least one.
+
+        It is one where they are white noise. What no model explains is taken as coloured noise.
+        """
+        pairs = zip(self.records, residuals, strict=True)
+        parts = [part[: len(record.measured)] for record, part in pairs]
+        weighted = sum(float(part @ part) * estimate_autocorrelation(part).inflation for part in parts)
+        return max(weighted / self.samples, 1.0)
 
     def amounts(self, record: Record, difference: Array) -> Array:
         """Return the amounts of the columns that explain a difference (n, SI) best."""

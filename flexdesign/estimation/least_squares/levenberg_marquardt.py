@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from flexdesign.estimation.least_squares.residual_function import JacobianBlock, Problem
 
 Array = NDArray[np.float64]
-#: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
+#: A step that promises to lower chi^2 by less than this, times the discrepancy, is the last: it moves no number by a
+#: third of its standard deviation.
 SMALL_REDUCTION = 0.1
 #: An updated Jacobian serves while the gain ratio, actual by predicted reduction, is at least this, and for this
 #: number of steps; it shows convergence if the gain ratio of the last step was between these.
@@ -118,7 +119,7 @@ Columns = Mapping[str, Sequence[Array | None]]
 
 
 def solve(
-    problem: Problem, start: Array, effort: Effort = FULL, old: Columns | None = None, *, small: float = SMALL_REDUCTION
+    problem: Problem, start: Array, effort: Effort = FULL, old: Columns | None = None, *, small: float | None = None
 ) -> Solution | None:
     """Return the minimum near a point; None where the model fails there.
 
@@ -133,7 +134,8 @@ def solve(
     old
         Columns of the Jacobian of a fit nearby, see `Problem.jacobian`; the search begins with them.
     small
-        A step that promises to lower the cost by less than this is the last, too.
+        A step that promises to lower the cost by less than this is the last, too; by default `SMALL_REDUCTION` times
+        the discrepancy, see `Dataset.discrepancy`.
     """
     x = np.clip(start, problem.where.lower, problem.where.upper)
     if (residuals := problem.residuals(x)) is None:
@@ -155,7 +157,7 @@ def solve(
 def linearise(problem: Problem, x: Array) -> Solution | None:
     """Return a point as it is, with the Jacobian there; None where the model fails."""
     residuals = problem.residuals(x)
-    return None if residuals is None else _Search(problem, x, residuals, None, SMALL_REDUCTION).solution(False)
+    return None if residuals is None else _Search(problem, x, residuals, None, None).solution(False)
 
 
 def refine_minimum(solution: Solution, small: float) -> Solution:
@@ -169,9 +171,12 @@ def refine_minimum(solution: Solution, small: float) -> Solution:
 class _Search:
     """Where a search stands: a point, its residuals, and a Jacobian that was computed there or updated."""
 
-    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
+    def __init__(
+        self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float | None
+    ) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.gain_ratio = problem.cost(x, residuals), DAMPING, 0.0
+        self.least_reduction = self._least_reduction()
         self.jacobians_here = 0
         parameters = problem.where.parameters
         has_others = any(not parameter.run for parameter in parameters)
@@ -190,7 +195,7 @@ class _Search:
     def descend(self, share: float) -> bool:
         """Take steps while the Jacobian is accurate; return whether less than this share can still be gained."""
         for _ in range(MOST_UPDATES):
-            enough = max(self.small, share * self.cost)
+            enough = max(self.least_reduction, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem, self.held)
             predicted_reduction = -float(2 * gradient @ step + step @ self.normal @ step)
@@ -225,6 +230,12 @@ class _Search:
                     return True
         return False
 
+    def _least_reduction(self) -> float:
+        """Return what a step must promise."""
+        if self.small is not None:
+            return self.small
+        return SMALL_REDUCTION * self.problem.dataset.discrepancy(self.residuals)
+
     def _hold(self) -> bool:
         """Hold the initial states of runs, where the Jacobian misled; return whether that leaves other steps.
 
@@ -252,6 +263,7 @@ class _Search:
         self.problem.symmetrise(self.jacobian)
         self.gain_ratio = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
+        self.least_reduction = self._least_reduction()
         self.damping = max(self.damping * (DAMPING_DECREASE if self.gain_ratio > 0.5 else 1.0), NEGLIGIBLE_DAMPING)
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.is_undamped, self.jacobians_here = False, False, 0

@@ -78,14 +78,8 @@ class FittedModel:
 
     @cached_property
     def discrepancy(self) -> float:
-        """Factor by which evidence is discounted: reduced chi^2 times the number of samples that count as one.
-
-        One where the residual is white noise. What no model explains is taken as coloured noise.
-        """
-        pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
-        parts = [part[: len(record.measured)] for record, part in pairs]
-        weighted = sum(float(part @ part) * estimate_autocorrelation(part).inflation for part in parts)
-        return max(weighted / self.solution.problem.dataset.samples, 1.0)
+        """Factor by which evidence is discounted, see `Dataset.discrepancy`."""
+        return self.solution.problem.dataset.discrepancy(self.solution.residuals)
 
     @property
     def is_white(self) -> bool:

@@ -161,12 +161,6 @@ def rank(trials: Sequence[Trial]) -> list[Trial]:
     return sorted(trials, key=lambda trial: trial.fit.bic(least))
 
 
-def confused_with(trials: Sequence[Trial]) -> set[str]:
-    """Return the names of the effects that what the best trial adds is known to be taken for."""
-    added = [effect for trial in rank(trials)[:1] for effect in trial.fit.effects if effect.name in trial.names]
-    return {other for effect in added for other in effect.like}
-
-
 def bic_lead(one: FittedModel, other: FittedModel) -> float:
     """Return by how much BIC prefers one fit to another, at the lesser discrepancy of both."""
     least = min(one.discrepancy, other.discrepancy)

@@ -31,7 +31,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
     Trial,
     best_of,
     compare,
-    confused_with,
     rank,
 )
 from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst
@@ -163,14 +162,8 @@ def forward(
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
-    singles, pairs, refused = _compete(task, fit, entries, PROMISING_SHARE * least)
+    singles, pairs = _compete(task, fit, entries, PROMISING_SHARE * least)
     trials = _trials(task, fit, singles, score)
-    # Effects that the best one is known to be taken for compete to the end.
-    tried = [*refused, *(entry.names for entry in singles)]
-    left = [entry for entry in entries if len(entry.names) == 1 and entry.names not in tried]
-    while rivals := [e for e in left if e.names[0] in confused_with(trials)]:
-        trials += _trials(task, fit, rivals, score)
-        left = [e for e in left if e not in rivals]
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
@@ -196,8 +189,8 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
 
 def _compete(
     task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], least: float
-) -> tuple[list[Entry], list[Entry], list[tuple[str, ...]]]:
-    """Return the fits that are worth being carried to their end, with one further effect and with two; and the refused.
+) -> tuple[list[Entry], list[Entry]]:
+    """Return the fits that are worth being carried to their end, with one further effect and with two.
 
     Roughly fitted they must lower chi^2 by more than `least`; and a pair must explain much of what a single one leaves.
     """
@@ -207,7 +200,7 @@ def _compete(
     cost = singles[0].solution.cost if singles else fit.cost
     cost -= PROMISING_SHARE * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
     pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
-    return singles[:FINAL_FITS], pairs[:MOST_PAIRS], [entry.names for entry in roughly if entry not in candidates]
+    return singles[:FINAL_FITS], pairs[:MOST_PAIRS]
 
 
 def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
