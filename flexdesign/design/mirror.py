@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 #: Faces and edges are alike within this share of the solid's size, areas within that of its square.
 ALIKE = 1e-6
+#: A centre of mass lies in a plane within this share of the solid's size; moments of inertia agree within it.
+BALANCED = 1e-7
 
 
 def planes_of(solid: Any, faces: Sequence[SolidFace], ports: Sequence[Port]) -> tuple[SymmetryPlane, ...]:
@@ -51,7 +53,7 @@ def is_balanced(solid: Any, index: int) -> bool:
     centre = np.array(cq.Shape.centerOfMass(solid).toTuple())
     inertia = np.array(cq.Shape.matrixOfInertia(solid))
     products = np.delete(inertia[index], index)
-    return bool(abs(centre[index]) < 1e-7 * size and np.abs(products).max() < 1e-7 * np.abs(inertia).max())
+    return bool(abs(centre[index]) < BALANCED * size and np.abs(products).max() < BALANCED * np.abs(inertia).max())
 
 
 def cut_port(port: Port, whole: Any, solid: Any) -> Port:

@@ -303,6 +303,12 @@ def straight_outline(part: Piece) -> Outline | None:
     return outline() if outline is not None else None
 
 
+def in_file(part: Piece, point: Sequence[float]) -> tuple[float, ...]:
+    """Return where the file of a part has a point [m]: what is read from a file may have been moved, see `StepPart`."""
+    moved = part.moved() if hasattr(part, "moved") else (0.0, 0.0, 0.0)
+    return tuple(float(x - away) for x, away in zip(point, moved, strict=True))
+
+
 def file_of(part: type[Any]) -> Path:
     """Return the file a part or a stage came from."""
     if (source := getattr(part, "source_file", None)) is not None:

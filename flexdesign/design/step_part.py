@@ -10,10 +10,12 @@ import hashlib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
 from flexdesign.core.errors import InputError, suggest
@@ -81,6 +83,25 @@ class PortTable(Table):
         return Query(self.face, self.colour, self.plane, self.point, self.normal)
 
 
+@dataclass(frozen=True)
+class _Placed:
+    """A body with its ports where its planes of symmetry pass through the origin.
+
+    Parameters
+    ----------
+    body, faces, ports, planes
+        The body, its faces and ports, and the planes.
+    moved
+        By how much the body of the file was moved [m].
+    """
+
+    body: step_file.StepBody
+    faces: tuple[SolidFace, ...]
+    ports: tuple[Port, ...]
+    planes: tuple[SymmetryPlane, ...] = ()
+    moved: Vector = (0.0, 0.0, 0.0)
+
+
 class StepPart:
     """A part of a STEP file; `load` makes a class of it for the ports of one design."""
 
@@ -91,37 +112,48 @@ class StepPart:
     port_tables: ClassVar[Mapping[str, PortTable]]
     #: What a STEP file does not contain: see `flexdesign.design.part.states`.
     left_out: ClassVar[frozenset[str]] = frozenset({"formulas", "formula_shares", "intermediates"})
-    _ports: ClassVar[tuple[Port, ...] | None] = None
-    _planes: ClassVar[tuple[SymmetryPlane, ...] | None] = None
+    _placed: ClassVar[_Placed | None] = None
 
     @classmethod
-    def body(cls) -> step_file.StepBody:
-        """Return the solid with what its file says of it."""
-        return step_file.read(cls.source_file, cls.source_solids)
+    def placed(cls) -> _Placed:
+        """Return the solid with what its file says of it, and its ports, where planes of symmetry are at the origin."""
+        if cls._placed is None:
+            body = step_file.read(cls.source_file, cls.source_solids)
+            found, size = listed(body), body.solid.BoundingBox().DiagonalLength * MM
+            ports = [_port(name, table, found, size, cls.design_file) for name, table in cls.port_tables.items()]
+            _require_apart(ports, cls.design_file)
+            cls._placed = _symmetrically_placed(_Placed(body, found, tuple(ports)))
+        return cls._placed
 
     def notes(self) -> tuple[str, ...]:
         """Return what was done to the solid when it was read, and in which unit its file is."""
-        body = self.body()
-        unit = f"Lengths in the file are in {body.unit.lower()}." if body.unit else ""
-        return tuple(note for note in (unit, *body.notes) if note)
+        placed = self.placed()
+        unit = f"Lengths in the file are in {placed.body.unit.lower()}." if placed.body.unit else ""
+        axes = " and ".join(
+            f"{way / MM:+.4g} mm along {axis}" for axis, way in zip("xyz", placed.moved, strict=True) if way
+        )
+        moved = (
+            f"The solid was moved by {axes} to be solved, so that its planes of symmetry pass through the origin."
+            if axes
+            else ""
+        )
+        return tuple(note for note in (unit, *placed.body.notes, moved) if note)
+
+    def moved(self) -> Vector:
+        """Return by how much the solid of the file was moved, planes of symmetry to the origin [m]."""
+        return self.placed().moved
 
     def solid(self) -> Any:
         """Return the closed solid [mm]."""
-        return self.body().solid
+        return self.placed().body.solid
 
     def faces(self) -> tuple[SolidFace, ...]:
         """Return the faces of the solid."""
-        return listed(self.body())
+        return self.placed().faces
 
     def ports(self) -> tuple[Port, ...]:
         """Return the ports, each with its faces."""
-        cls = type(self)
-        if cls._ports is None:
-            size = self.solid().BoundingBox().DiagonalLength * MM
-            found = [_port(name, table, self.faces(), size, cls.design_file) for name, table in cls.port_tables.items()]
-            _require_apart(found, cls.design_file)
-            cls._ports = tuple(found)
-        return cls._ports
+        return self.placed().ports
 
     def linkage(self) -> Linkage:
         """Return no members: nobody named any."""
@@ -129,10 +161,7 @@ class StepPart:
 
     def symmetry(self) -> tuple[SymmetryPlane, ...]:
         """Return the coordinate planes in which solid and ports are their own mirror images."""
-        cls = type(self)
-        if cls._planes is None:
-            cls._planes = mirror.planes_of(self.solid(), self.faces(), self.ports())
-        return cls._planes
+        return self.placed().planes
 
     def prismatic(self) -> Axis | None:
         """Return None: whether it is an extrusion is not stated."""
@@ -207,8 +236,7 @@ def load(name: str, tables: Mapping[str, Any], design_file: Path, solids: Sequen
         "source_solids": tuple(map(str, solids)),
         "design_file": design_file,
         "port_tables": checked,
-        "_ports": None,
-        "_planes": None,
+        "_placed": None,
     }
     cls: type[StepPart] = type(title, (StepPart,), content | {"digest": digest})
     return cls
@@ -246,6 +274,36 @@ def _port(name: str, table: PortTable, found: tuple[SolidFace, ...], size: float
         faces=tuple(face.index for face in chosen),
         rigid=table.interface == "rigid",
     )
+
+
+def _symmetrically_placed(placed: _Placed) -> _Placed:
+    """Return a body moved so that each plane in which it is its own mirror image passes through the origin."""
+    import cadquery as cq
+
+    size = placed.body.solid.BoundingBox().DiagonalLength * MM
+    centre = np.array(cq.Shape.centerOfMass(placed.body.solid).toTuple()) * MM
+    planes = mirror.planes_of(*_moved(placed, -centre))
+    within = np.isin(range(3), [plane.index for plane in planes])
+    away = np.where(within & (np.abs(centre) > mirror.BALANCED * size), -centre, 0.0)
+    solid, found, ports = _moved(placed, away) if away.any() else (placed.body.solid, placed.faces, placed.ports)
+    # Rounding must not lift a port off the plane that halves it.
+    places = [np.where(within & (np.abs(port.point) < mirror.ALIKE * size), 0.0, port.point) for port in ports]
+    ports = tuple(replace(port, point=_triple(place)) for port, place in zip(ports, places, strict=True))
+    return _Placed(replace(placed.body, solid=solid), found, ports, planes, _triple(away))
+
+
+def _triple(values: NDArray[np.float64]) -> Vector:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _moved(placed: _Placed, away: NDArray[np.float64]) -> tuple[Any, tuple[SolidFace, ...], tuple[Port, ...]]:
+    """Return solid, faces and ports moved by a vector [m]."""
+    import cadquery as cq
+
+    body = replace(placed.body, solid=placed.body.solid.translate(cq.Vector(*(away / MM))))
+    ports = [replace(port, point=_triple(np.array(port.point) + away)) for port in placed.ports]
+    return body.solid, listed(body), tuple(ports)
 
 
 def _require_apart(ports: list[Port], file: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from flexdesign.core.model import by_key
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import faces, mirror, study
+from flexdesign.design.part import in_file
 from flexdesign.fem import analysis, mesh_refinement
 from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.domain import Domain
@@ -76,14 +77,43 @@ def test_inputs_are_exchanged_and_the_right_one_is_kept(tmp_path: Path) -> None:
     ("spoil", "left"),
     [
         (lambda plate: plate.cut(cq.Workplane().box(0.4, 9, 0.4).translate((6, 0, 1.8))), {"y"}),
-        (lambda plate: plate.translate((0, 0.1, 0)), {"z"}),
         (lambda plate: plate.rotate((0, 0, 0), (1, 0, 0), 10), set()),
         (lambda plate: plate.cut(cq.Workplane().pushPoints([(6, 2), (6, -2)]).circle(0.3).extrude(9)), {"y"}),
     ],
-    ids=["a groove", "beside the origin", "askew", "blind holes"],
+    ids=["a groove", "askew", "blind holes"],
 )
 def test_what_is_no_mirror_image_is_none(spoil: Any, left: set[str], tmp_path: Path) -> None:
     assert set(axes(study_of(tmp_path, spoil(NOTCHED_PLATE).val()))) == left
+
+
+def test_a_solid_beside_the_origin_is_moved_to_where_its_planes_pass_through_it(tmp_path: Path) -> None:
+    """Ports, which are sought where the file has them, and faces with it; nothing moves where there is no plane."""
+    plain = study_of(tmp_path, NOTCHED_PLATE.val()).design.part()
+    near = 'point = ["28 mm", "5.1 mm", "-7 mm"]\nnormal = [1, 0, 0]'
+    text = PORTS.format(interface="traction").replace('plane = "x = max"', near)
+    (away := tmp_path / "away").mkdir()
+    part = study_of(away, NOTCHED_PLATE.translate((20, 5.1, -7)).val(), text).design.part()
+    assert {plane.axis: plane.swaps for plane in part.symmetry()} == {"y": {}, "z": {}}
+    for here, there in zip(plain.ports(), part.ports(), strict=True):
+        assert np.array(there.point) - here.point == pytest.approx([20e-3, 0.0, 0.0], abs=1e-12)
+        assert there.point[1:] == (0.0, 0.0) and there.faces == here.faces
+    assert in_file(part, part.ports()[1].point) == pytest.approx((28e-3, 5.1e-3, -7e-3), abs=1e-12)
+    assert in_file(plain, plain.ports()[1].point) == plain.ports()[1].point
+    box = part.solid().BoundingBox()
+    assert (box.xmin, box.ymin, box.zmin) == pytest.approx((12, -3, -2), abs=1e-6)
+    assert part.notes()[-1].startswith("The solid was moved by -5.1 mm along y and +7 mm along z to be")
+    assert "moved" not in "".join(plain.notes())
+
+
+def test_it_has_the_port_stiffness_that_it_has_at_the_origin(tmp_path: Path) -> None:
+    found = []
+    for name, place in (("here", (0, 0, 0)), ("away", (20, 5.1, -7))):
+        (folder := tmp_path / name).mkdir()
+        asked = study_of(folder, NOTCHED_PLATE.translate(place).val())
+        part = asked.design.part()
+        found.append(solved(asked, domain.of_part(part, chord=domain.chord(part)), 1.35))
+    assert found[0].facts["unknowns"] == pytest.approx(found[1].facts["unknowns"], rel=0.05)
+    assert np.diag(found[0].compliance.matrix) == pytest.approx(np.diag(found[1].compliance.matrix), rel=0.005)
 
 
 def test_a_rigid_port_and_one_beside_the_plane_leave_no_plane(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.design.faces import in_mm
+from flexdesign.design.part import in_file
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.port_stiffness import FREE, HELD
@@ -34,8 +35,9 @@ def section(validation: Validation) -> Section:
     """Return the section; empty for a part that names its members."""
     if not _results(validation):
         return Section(TITLE)
-    port = next(p for p in validation.study.design.part().ports() if p.role == "output")
-    about = in_mm(port.point)
+    part = validation.study.design.part()
+    port = next(p for p in part.ports() if p.role == "output")
+    about = in_mm(in_file(part, port.point))
     face = "its faces move as one body" if port.rigid else "its faces carry an even traction and are free to deform"
     text = (
         f"The port {port.name} against the held ground{', inputs free' if validation.has_input else ''}; {face}, which "

@@ -10,7 +10,8 @@ from typing import Any
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.serialise import header, with_unit
-from flexdesign.design.part import states
+from flexdesign.design.faces import in_mm
+from flexdesign.design.part import in_file, states
 from flexdesign.dynamics.experiments.simulation import stage_model_cautions
 from flexdesign.fem import quantities
 from flexdesign.fem.solving.statics import PortCompliance
@@ -368,7 +369,8 @@ def _solid(validation: Validation) -> Section:
     thin, design = validation.domain.thin, validation.study.design
     if thin is None:
         return Section("The solid")
-    notes: list[str] = list(getattr(design.part(), "notes", tuple)())
+    part = design.part()
+    notes: list[str] = list(getattr(part, "notes", tuple)())
     text = (
         "The part names no hinges. Its thickness was measured on the solid, by rays from its faces to the faces "
         f"across; the mesh is graded by it. The thinnest place has {units.to_text(thin.thinnest, 'mm', si='m')}."
@@ -378,7 +380,7 @@ def _solid(validation: Validation) -> Section:
             hinge.name,
             units.to_text(hinge.thickness, "mm", si="m"),
             f"{1e3 * hinge.length:.3g} x {1e3 * hinge.width:.3g} mm",
-            ", ".join(f"{1e3 * x:.4g}" for x in hinge.centre) + " mm",
+            f"{in_mm(in_file(part, hinge.centre))} mm",
         ]
         for hinge in thin.hinges
     ]
