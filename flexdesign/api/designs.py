@@ -15,6 +15,7 @@ from flexdesign.core.model.quantity import by_key
 from flexdesign.core.result_cache import Cache, open_cache
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.core.toml_writing import to_toml as table_to_toml
+from flexdesign.core.whole_files import written_whole
 from flexdesign.design import design as designs
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
@@ -105,7 +106,8 @@ def draw(file: str | Path, *, material: str, dimensions: Mapping[str, str], **ta
     path = Path(file)
     content = {"format": FORMAT, "part": "sketch", "material": material, "dimensions": dict(dimensions), **tables}
     try:
-        path.write_text(table_to_toml(content), encoding="utf-8")
+        with written_whole(path.parent) as scratch:
+            (scratch / path.name).write_text(table_to_toml(content), encoding="utf-8")
     except OSError as error:
         raise InputError(path, "", None, f"cannot be written ({error.strerror}); choose another place") from error
     return designs.read(path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import typer
 
 from flexdesign.core.errors import printable
 from flexdesign.core.serialise import to_json
+from flexdesign.core.whole_files import written_whole
 from flexdesign.design import changes
 
 if TYPE_CHECKING:
@@ -150,11 +150,9 @@ def write_file(path: Path | None, text: str | None = None) -> None:
         if text is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             there = path.parent
-        with tempfile.TemporaryDirectory(dir=there, prefix=".writing-") as scratch:
+        with written_whole(there) as scratch:
             if text is not None:
-                made = Path(scratch) / path.name
-                made.write_text(text, encoding="utf-8")
-                made.replace(path)
+                (scratch / path.name).write_text(text, encoding="utf-8")
     except OSError as error:
         remedy = f"cannot be written ({error.strerror or error}); choose another file"
         raise InputError("command line", "-o", str(path), remedy) from error

@@ -7,7 +7,6 @@ through again, cell by cell, to name the place.
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core import parquet, units
 from flexdesign.core.errors import InputError
+from flexdesign.core.whole_files import written_whole
 
 Array = NDArray[np.float64]
 #: What a column may measure if nothing is known about it from its name.
@@ -201,14 +201,13 @@ def write(
         raise ValueError("a value that is not finite cannot be written")
     remarks = "".join(f"# {line}\n" for line in comment.splitlines())
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
-            new = Path(scratch) / path.name
+        with written_whole(path.parent) as scratch:
+            new = scratch / path.name
             if path.suffix.lower() == parquet.SUFFIX:
                 parquet.write(new, list(columns), table, comment)
             else:
                 # Twelve digits: time on a fine grid far from its zero keeps its steps.
                 np.savetxt(new, table, "%.12g", ",", header=remarks + ",".join(columns), comments="", encoding="utf-8")
-            new.replace(path)
     except OSError as error:
         raise InputError(path, "", None, f"cannot be written: {error.strerror}; choose another place") from error
 

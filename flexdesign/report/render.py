@@ -20,6 +20,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.core.versions import __version__
+from flexdesign.core.whole_files import written_whole
 from flexdesign.report import origin
 from flexdesign.report.document import Document, Figure
 
@@ -135,11 +136,9 @@ def write(
     ).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
+        with written_whole(folder) as scratch:
             for name, data in contents.items():
-                (Path(scratch) / name).write_bytes(data)
-            for name in contents:
-                (Path(scratch) / name).replace(folder / name)
+                (scratch / name).write_bytes(data)
     except OSError as error:
         raise _refusal(folder, error) from error
     return [folder / name for name in contents]

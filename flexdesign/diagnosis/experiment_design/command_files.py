@@ -8,6 +8,7 @@ from pathlib import Path
 from flexdesign.core import unit_tables, units
 from flexdesign.core.toml_files import FORMAT, quote
 from flexdesign.core.toml_writing import with_comment
+from flexdesign.core.whole_files import written_whole
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
 from flexdesign.diagnosis.experiment_design.limits import Limits
@@ -52,11 +53,11 @@ def write(folder: Path, commands: Sequence[Command], axis: str, model: AxisModel
     """
     folder.mkdir(parents=True, exist_ok=True)
     named = names(commands)
-    for name, command in named.items():
-        unit_tables.write(
-            folder / name, {"t [s]": command.time, "u [V]": command.samples}, _comment(command, axis, limits)
-        )
-    (folder / DESCRIPTION).write_text(description(named, axis, model, limits, title, noise), encoding="utf-8")
+    with written_whole(folder) as scratch:
+        for name, command in named.items():
+            columns = {"t [s]": command.time, "u [V]": command.samples}
+            unit_tables.write(scratch / name, columns, _comment(command, axis, limits))
+        (scratch / DESCRIPTION).write_text(description(named, axis, model, limits, title, noise), encoding="utf-8")
     return [folder / DESCRIPTION, *(folder / name for name in named)]
 
 

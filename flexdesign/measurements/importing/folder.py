@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flexdesign.core import toml_writing, unit_tables
 from flexdesign.core.errors import InputError
+from flexdesign.core.whole_files import written_whole
 from flexdesign.measurements.importing.assembling import Recording, assemble
 from flexdesign.measurements.importing.mapping import Map, read_map
 from flexdesign.measurements.importing.readers import read_contents
@@ -72,11 +72,9 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
         raise InputError(plan.path, "run.name", twice, remedy)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
-            written = _write(recordings, plan, paths, Path(scratch))
-            found = _read_back(Path(scratch), folder, written)
-            for file in written:
-                file.replace(folder / file.name)
+        with written_whole(folder) as scratch:
+            written = _write(recordings, plan, paths, scratch)
+            found = _read_back(scratch, folder, written)
     except OSError as error:
         raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
     remark = {recording.name: recording.remarks for recording in recordings}

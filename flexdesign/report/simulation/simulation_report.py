@@ -11,6 +11,7 @@ from typing import Any
 from flexdesign.core import units, versions
 from flexdesign.core.model import Quantity
 from flexdesign.core.serialise import header, with_unit
+from flexdesign.core.whole_files import written_whole
 from flexdesign.dynamics.experiments import KNOWN, Experiment
 from flexdesign.dynamics.experiments.reading import stem
 from flexdesign.dynamics.experiments.simulation import Case, Simulation, group_by_axis, validity
@@ -310,18 +311,19 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
 
     render.prepare(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    tables = []
-    for case in simulation.cases:
-        model, response = simulation.variants[case.variant], case.response
-        words = f"{case.experiment.name}, {case.controller}, {case.variant}"
-        name = f"{stem(f'{case.experiment.name} {case.controller} {case.variant}')}.csv"
-        every = max(1, round(1 / (model.controller.rate * response.time[1])))
-        columns = {f"u{axis} [V]": response.command[row, ::every] for row, axis in enumerate(case.axes)}
-        columns |= {f"{axis} [um]": response.reading[row, ::every] for row, axis in enumerate(case.axes)}
-        if case.pid:
-            columns |= {f"r{a} [um]": case.reference[case.row(a), : len(response.time) : every] for a in case.pid}
-        write_run(folder / name, response.time[::every], columns, comment=words)
-        tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
-    (folder / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
-    for name, variant in simulation.variants.items():
-        (folder / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant, folder), encoding="utf-8")
+    with written_whole(folder) as scratch:
+        tables = []
+        for case in simulation.cases:
+            model, response = simulation.variants[case.variant], case.response
+            words = f"{case.experiment.name}, {case.controller}, {case.variant}"
+            name = f"{stem(f'{case.experiment.name} {case.controller} {case.variant}')}.csv"
+            every = max(1, round(1 / (model.controller.rate * response.time[1])))
+            columns = {f"u{axis} [V]": response.command[row, ::every] for row, axis in enumerate(case.axes)}
+            columns |= {f"{axis} [um]": response.reading[row, ::every] for row, axis in enumerate(case.axes)}
+            if case.pid:
+                columns |= {f"r{a} [um]": case.reference[case.row(a), : len(response.time) : every] for a in case.pid}
+            write_run(scratch / name, response.time[::every], columns, comment=words)
+            tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
+        (scratch / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
+        for name, variant in simulation.variants.items():
+            (scratch / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant, folder), encoding="utf-8")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.whole_files import written_whole
 from flexdesign.design.design import Design
 from flexdesign.design.part import extrusion_axis
 from flexdesign.fem import quantities
@@ -159,13 +160,12 @@ def _on_trial(file: Path) -> None:
 def _written(path: Path, write: Callable[[Path], None], *, keep: bool = True) -> None:
     """Write one file, and those some formats put next to it, whole or not at all."""
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
-            write(Path(scratch) / path.name)
-            files = list(Path(scratch).iterdir())
-            if not files:
+        with written_whole(path.parent) as scratch:
+            write(scratch / path.name)
+            if not (files := list(scratch.iterdir())):
                 raise _refusal(path, "nothing was written; choose another place")
-            for file in files if keep else []:
-                file.replace(path.parent / file.name)
+            for file in files if not keep else []:
+                file.unlink()
     except InputError:
         raise
     except OSError as error:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.whole_files import written_whole
 
 
 def write_folder(folder: Path, files: Mapping[str, str | bytes]) -> list[Path]:
@@ -78,11 +79,9 @@ def write_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
             raise InputError("command line", "NAME", str(path), "exists; choose another name")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
+        with written_whole(folder) as scratch:
             for name, text in files.items():
-                (Path(scratch) / name).write_text(text, encoding="utf-8")
-            for path in paths:
-                (Path(scratch) / path.name).rename(path)
+                (scratch / name).write_text(text, encoding="utf-8")
     except OSError as error:
         remedy = f"cannot be written ({error.strerror or error}); choose another place"
         raise InputError("command line", "NAME", str(folder), remedy) from error
