@@ -18,7 +18,7 @@ from flexdesign.dynamics.stage_model import reading
 from flexdesign.measurements import recordings as recorded
 from studies.hidden_effect_demo import __main__ as demo
 from studies.hidden_effect_trial import bench, cases, confusion, folder, kernel, recordings, report, scoring, trial
-from studies.hidden_effect_trial.detection import Complement, State, columns
+from studies.hidden_effect_trial.detection import Complement, State, columns, contribution
 from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, OUTSIDE, Stage
 from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
@@ -278,6 +278,14 @@ def test_what_no_base_parameter_can_do_shows_in_full(short: State) -> None:
     hum = np.concatenate([1e-8 * np.sin(2 * math.pi * 237.3 * np.arange(run.n) * PERIOD) for run in short.runs])
     left, _, _ = complement.residual(hum)
     assert left == pytest.approx(1e-8 / math.sqrt(2), rel=0.02)
+
+
+def test_what_a_slew_limit_adds_is_simulated_as_recordings_are(short: State) -> None:
+    """It acts within a sample, where the coarse steps of sensitivities may not show it."""
+    limited = {"driver_slew": {"slew": 1e3}}
+    fine = State(short.stage, limited, short.runs).readings(bench.FINE) - short.readings(bench.FINE)
+    assert np.abs(fine).max() > 0
+    assert np.array_equal(contribution(short.stage, limited, "driver_slew", short.runs), fine)
 
 
 def test_hum_and_a_shaking_base_cannot_be_told_apart(short: State) -> None:

@@ -128,7 +128,7 @@ class StepPart:
     def notes(self) -> tuple[str, ...]:
         """Return what was done to the solid when it was read, and in which unit its file is."""
         placed = self.placed()
-        unit = f"Lengths in the file are in {placed.body.unit.lower()}." if placed.body.unit else ""
+        unit = f"Unit of length in the file: {placed.body.unit.lower()}." if placed.body.unit else ""
         axes = " and ".join(
             f"{way / MM:+.4g} mm along {axis}" for axis, way in zip("xyz", placed.moved, strict=True) if way
         )

@@ -118,12 +118,13 @@ def diagnose(
             history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
         left = _sparse_model(data, task, history.final)
-        verdict, named = decide(
-            data, history, left, partial(_is_better_without_physics, data, task), partial(relevant_ends, task)
-        )
-        named, fixed = drop_undetermined(task, named)
-        if verdict == "effects-found" and not named.effects:
-            verdict, named = "unknown", history.calibration
+        judges = partial(_is_better_without_physics, data, task), partial(relevant_ends, task)
+        verdict, named = decide(data, history, left, *judges)
+        determined, fixed = drop_undetermined(task, named)
+        if {*determined.names} < {*named.names}:  # what is left must still explain enough
+            kept = replace(history, fits=tuple(accepted_fits(history, determined)[1:]))
+            verdict, determined = decide(data, kept, left, *judges)
+        named = determined
         named, held = hold_undetermined(task, named)
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
         groups = confusable(task, named, history.steps)

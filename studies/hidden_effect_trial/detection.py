@@ -62,9 +62,9 @@ class State:
     effects: Effects
     runs: tuple[Recording, ...]
 
-    def readings(self) -> Array:
+    def readings(self, substeps: int = bench.COARSE) -> Array:
         """Return the readings of all runs, one after the other [m]."""
-        return np.concatenate(bench.readings(self.stage, self.effects, self.runs, bench.COARSE))
+        return np.concatenate(bench.readings(self.stage, self.effects, self.runs, substeps))
 
     def with_changes(self, names: Sequence[str], steps: Sequence[float]) -> State:
         """Return the model with some parameters changed by so much, in SI; effects' by so much of their logarithm."""
@@ -209,7 +209,13 @@ def _basis(matrix: Array) -> Array:
 def contribution(stage: Stage, effects: Effects, name: str, runs: tuple[Recording, ...]) -> Array:
     """Return what one of the effects adds to the readings of all runs [m]."""
     without = {other: values for other, values in effects.items() if other != name}
-    return State(stage, effects, runs).readings() - State(stage, without, runs).readings()
+    substeps = _steps_showing(name)
+    return State(stage, effects, runs).readings(substeps) - State(stage, without, runs).readings(substeps)
+
+
+def _steps_showing(name: str) -> int:
+    """Return the steps in a sample that show what an effect adds: those of recordings, if it acts within a sample."""
+    return bench.FINE if name == "driver_slew" else bench.COARSE
 
 
 def strength_for(
@@ -234,11 +240,12 @@ def strength_for(
     complement
         What its model cannot reach.
     """
-    hidden, plain = BY_NAME[name], State(stage, others, runs).readings()
+    hidden, substeps = BY_NAME[name], _steps_showing(name)
+    plain = State(stage, others, runs).readings(substeps)
 
     def residual_at(amount: float) -> float:
         values = hidden.at(amount, constants, stage)
-        return complement.residual(State(stage, {**others, name: values}, runs).readings() - plain)[0]
+        return complement.residual(State(stage, {**others, name: values}, runs).readings(substeps) - plain)[0]
 
     # Regula falsi on logarithms: the residual grows about as a power of the strength.
     tried: list[tuple[float, float]] = []

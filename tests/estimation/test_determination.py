@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from flexdesign.estimation.model_selection import determination
-from flexdesign.estimation.model_selection.determination import hold_undetermined, relevant_ends
+from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined, relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.uncertainty.identifiability import Estimate
 from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
 from tests.estimation.toys import Array, parameter
 
@@ -57,6 +59,24 @@ def test_a_number_known_to_no_half_of_its_range_is_held() -> None:
             assert "d.more" not in held.solution.problem.where.names
             assert held.cost - found.cost < 10
             assert number(held, "d") == pytest.approx(STRENGTH, abs=0.03)
+
+
+@pytest.mark.parametrize(("truth", "named"), [(STRENGTH, ("d",)), (0.0, ())])
+def test_an_effect_whose_interval_holds_its_null_is_dropped(truth: float, named: tuple[str, ...]) -> None:
+    about = task({"d": truth} if truth else {})
+    found, held = drop_undetermined(about, fit_with(about, [candidate("d")]))
+    assert found.names == named and held == ()
+
+
+@pytest.mark.parametrize("exceeds_noise", [False, True])
+def test_what_differs_from_run_to_run_may_have_any_mean_where_the_residual_is_noise(exceeds_noise: bool) -> None:
+    deviation = parameter("2-run:d", 0.0, -1.0, 1.0, run="2-run")
+    where = SimpleNamespace(parameters=(strength("d"), deviation))
+    fit: Any = SimpleNamespace(
+        solution=SimpleNamespace(problem=SimpleNamespace(where=where)), exceeds_noise=exceeds_noise
+    )
+    of_mean = Estimate(strength("d"), 0.01, 0.1, (-0.2, 0.2), True)
+    assert determination._excludes_null(fit, of_mean) is not exceeds_noise
 
 
 def test_a_number_that_may_be_zero_stays_zero_where_the_catalogue_has_it_so() -> None:

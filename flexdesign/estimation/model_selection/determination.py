@@ -15,18 +15,19 @@ from flexdesign.estimation.model_selection.fitted_model import (
     refit,
     with_effects,
 )
+from flexdesign.estimation.uncertainty.identifiability import Estimate
 from flexdesign.estimation.uncertainty.intervals import intervals
 
 
 def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
-    """Return the fit without effects whose strength has no interval by the profile likelihood, and the numbers held.
+    """Return the fit without effects whose strength has no interval, or one that holds its null; and the numbers held.
 
-    The covariance may mislead where effects imitate each other: the interval that is stated has the last word. A number
-    of the same effect that can replace the strength is held first, where the fit has it.
+    Intervals are those by the profile likelihood, which are stated. The covariance may mislead where effects imitate
+    each other. A number of the same effect that can replace the strength is held first, where the fit has it.
     """
     for effect in reversed(fit.effects):
         (strength,) = intervals(fit.solution, [effect.strength])
-        if strength.interval is not None:
+        if _excludes_null(fit, strength):
             continue
         held = tuple(name for name in strength.confounded if name in effect.free)
         if held:
@@ -39,6 +40,21 @@ def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
         made, more = drop_undetermined(task, made)
         return made, (*held, *more)
     return fit, ()
+
+
+def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
+    """Tell whether a strength has an interval without its null.
+
+    The mean of one that differs from run to run may be anything, where the residual is noise: an approximation differs
+    from run to run because it is one.
+    """
+    if strength.interval is None:
+        return False
+    low, high = strength.interval
+    null = strength.parameter.null
+    assert null is not None  # that is what makes it the strength
+    by_run = any(p.run and p.name.endswith(f":{strength.name}") for p in fit.solution.problem.where.parameters)
+    return (by_run and not fit.exceeds_noise) or not low <= null <= high
 
 
 def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:

@@ -169,7 +169,9 @@ def forward(
         # Fits in local minima would be refused, and call for effects that are not there.
         first = rank(trials)[:FINAL_FITS]
         trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
-        trials += _trials(task, fit, pairs, score)
+        # Of a pair with the best effect, the next step finds the other one, with all alternatives to it.
+        added = () if best is None else best.names
+        trials += _trials(task, fit, [pair for pair in pairs if not {*added} & {*pair.names}], score)
     return Step(best_of(task, trials), tuple(rank(trials)))
 
 
