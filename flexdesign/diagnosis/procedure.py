@@ -121,7 +121,7 @@ def diagnose(
         judges = partial(_is_better_without_physics, data, task), partial(relevant_ends, task)
         verdict, named = decide(data, history, left, *judges)
         determined, fixed = drop_undetermined(task, named)
-        if {*determined.names} < {*named.names}:  # what is left must still explain enough
+        if {*determined.names} < {*named.names}:  # the others must still explain enough
             kept = replace(history, fits=tuple(accepted_fits(history, determined)[1:]))
             verdict, determined = decide(data, kept, left, *judges)
         named = determined
