@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -77,6 +78,17 @@ def test_what_differs_from_run_to_run_may_have_any_mean_where_the_residual_is_no
     )
     of_mean = Estimate(strength("d"), 0.01, 0.1, (-0.2, 0.2), True)
     assert determination._excludes_null(fit, of_mean) is not exceeds_noise
+
+
+@pytest.mark.parametrize(
+    ("interval", "is_shown"), [((2e3, 5e4), True), ((2e3, 1e6), False), ((2e3, 1e6 * (1 - 1e-12)), False)]
+)
+def test_a_limit_that_may_be_as_far_as_is_plausible_is_not_shown(interval: tuple[float, float], is_shown: bool) -> None:
+    """A limit of infinity is none; the plausible range ends before."""
+    limit = parameter("limit", None, 1.0, 1e6, scale="inverse", null=math.inf)
+    where = SimpleNamespace(parameters=(limit,))
+    fit: Any = SimpleNamespace(solution=SimpleNamespace(problem=SimpleNamespace(where=where)), exceeds_noise=False)
+    assert determination._excludes_null(fit, Estimate(limit, 1e4, 1e3, interval, True)) is is_shown
 
 
 def test_a_number_that_may_be_zero_stays_zero_where_the_catalogue_has_it_so() -> None:

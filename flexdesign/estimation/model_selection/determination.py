@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from flexdesign.estimation.criterion import LEVEL, WORSE
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -43,7 +45,7 @@ def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
 
 
 def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
-    """Tell whether a strength has an interval without its null.
+    """Tell whether a strength has an interval without its null, or the end of the plausible range next to that.
 
     The mean of one that differs from run to run may be anything, where the residual is noise: an approximation differs
     from run to run because it is one.
@@ -51,10 +53,11 @@ def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
     if strength.interval is None:
         return False
     low, high = strength.interval
-    null = strength.parameter.null
-    assert null is not None  # that is what makes it the strength
+    assert strength.parameter.null is not None  # that is what makes it the strength
+    null = float(np.clip(strength.parameter.null, *strength.parameter.plausible))
+    holds_null = low <= null <= high or any(math.isclose(null, end, rel_tol=1e-6) for end in (low, high))
     by_run = any(p.run and p.name.endswith(f":{strength.name}") for p in fit.solution.problem.where.parameters)
-    return (by_run and not fit.exceeds_noise) or not low <= null <= high
+    return (by_run and not fit.exceeds_noise) or not holds_null
 
 
 def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
