@@ -169,10 +169,26 @@ def forward(
         # Fits in local minima would be refused, and call for effects that are not there.
         first = rank(trials)[:FINAL_FITS]
         trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
-        # Of a pair with the best effect, the next step finds the other one, with all alternatives to it.
-        added = () if best is None else best.names
-        trials += _trials(task, fit, [pair for pair in pairs if not {*added} & {*pair.names}], score)
+        trials += _trials(task, fit, pairs, score)
+        trials += _in_two_steps(task, fit, candidates, trials, score)
     return Step(best_of(task, trials), tuple(rank(trials)))
+
+
+def _in_two_steps(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], trials: Sequence[Trial], score: float
+) -> list[Trial]:
+    """Return what a further step adds to the best effect, where a pair with that would be added; none otherwise.
+
+    All candidates compete in that step, of which a pair has but the most promising.
+    """
+    pair = best_of(task, trials)
+    single = best_of(task, [trial for trial in trials if len(trial.names) == 1])
+    if pair is None or single is None or len(pair.names) == 1 or single.names[0] not in pair.names:
+        return []
+    added = forward(task, single.fit, candidates).chosen
+    if added is None or len(added.names) > 1 or added.names[0] in pair.names:
+        return []
+    return [compare(task, fit, added.fit, (*single.names, *added.names), score)]
 
 
 def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
