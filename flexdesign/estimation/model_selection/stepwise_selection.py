@@ -20,19 +20,8 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK,
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.model_selection.confounding import replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import (
-    FittedModel,
-    fit_model,
-    refit,
-    solve_case,
-)
-from flexdesign.estimation.model_selection.model_comparison import (
-    Step,
-    Trial,
-    best_of,
-    compare,
-    rank,
-)
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, solve_case
+from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
 from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
