@@ -211,6 +211,12 @@ def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
         assert run.period == pytest.approx(command.period, rel=1e-9)
 
 
+def test_command_files_are_refused_where_a_file_is_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / "runs").write_text("not a folder")
+    with pytest.raises(InputError, match="cannot be written"):
+        command_files.write(tmp_path / "runs", [], "x", None, None, "a bench")  # type: ignore[arg-type]
+
+
 def test_the_command_files_alone_say_what_is_missing(tmp_path: Path) -> None:
     model = stage()
     limits, commands = planned(model)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flexdesign.core import unit_tables, units
+from flexdesign.core.errors import InputError
 from flexdesign.core.toml_files import FORMAT, quote
 from flexdesign.core.toml_writing import with_comment
 from flexdesign.core.whole_files import written_whole
@@ -51,13 +52,16 @@ def write(folder: Path, commands: Sequence[Command], axis: str, model: AxisModel
     InputError
         If the folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     named = names(commands)
-    with written_whole(folder) as scratch:
-        for name, command in named.items():
-            columns = {"t [s]": command.time, "u [V]": command.samples}
-            unit_tables.write(scratch / name, columns, _comment(command, axis, limits))
-        (scratch / DESCRIPTION).write_text(description(named, axis, model, limits, title, noise), encoding="utf-8")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with written_whole(folder) as scratch:
+            for name, command in named.items():
+                columns = {"t [s]": command.time, "u [V]": command.samples}
+                unit_tables.write(scratch / name, columns, _comment(command, axis, limits))
+            (scratch / DESCRIPTION).write_text(description(named, axis, model, limits, title, noise), encoding="utf-8")
+    except OSError as error:
+        raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
     return [folder / DESCRIPTION, *(folder / name for name in named)]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flexdesign.core import units, versions
+from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.whole_files import written_whole
@@ -307,23 +308,31 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
     InputError
         If the folder cannot be written.
     """
+    render.prepare(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with written_whole(folder) as scratch:
+            _write_runs(simulation, scratch, folder)
+    except OSError as error:
+        raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
+
+
+def _write_runs(simulation: Simulation, scratch: Path, folder: Path) -> None:
+    """Write what goes to a folder into a scratch folder; paths in stage models are relative to the former."""
     from flexdesign.measurements.recordings import write_run
 
-    render.prepare(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with written_whole(folder) as scratch:
-        tables = []
-        for case in simulation.cases:
-            model, response = simulation.variants[case.variant], case.response
-            words = f"{case.experiment.name}, {case.controller}, {case.variant}"
-            name = f"{stem(f'{case.experiment.name} {case.controller} {case.variant}')}.csv"
-            every = max(1, round(1 / (model.controller.rate * response.time[1])))
-            columns = {f"u{axis} [V]": response.command[row, ::every] for row, axis in enumerate(case.axes)}
-            columns |= {f"{axis} [um]": response.reading[row, ::every] for row, axis in enumerate(case.axes)}
-            if case.pid:
-                columns |= {f"r{a} [um]": case.reference[case.row(a), : len(response.time) : every] for a in case.pid}
-            write_run(scratch / name, response.time[::every], columns, comment=words)
-            tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
-        (scratch / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
-        for name, variant in simulation.variants.items():
-            (scratch / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant, folder), encoding="utf-8")
+    tables = []
+    for case in simulation.cases:
+        model, response = simulation.variants[case.variant], case.response
+        words = f"{case.experiment.name}, {case.controller}, {case.variant}"
+        name = f"{stem(f'{case.experiment.name} {case.controller} {case.variant}')}.csv"
+        every = max(1, round(1 / (model.controller.rate * response.time[1])))
+        columns = {f"u{axis} [V]": response.command[row, ::every] for row, axis in enumerate(case.axes)}
+        columns |= {f"{axis} [um]": response.reading[row, ::every] for row, axis in enumerate(case.axes)}
+        if case.pid:
+            columns |= {f"r{a} [um]": case.reference[case.row(a), : len(response.time) : every] for a in case.pid}
+        write_run(scratch / name, response.time[::every], columns, comment=words)
+        tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
+    (scratch / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
+    for name, variant in simulation.variants.items():
+        (scratch / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant, folder), encoding="utf-8")
