@@ -187,6 +187,8 @@ class Confrontation:
     def evidence(self, names: Sequence[str] = (), progress: Progress = _silent) -> tuple[Evidence, ...]:
         """Return what the residual of a model with some effects says for each further one, most first.
 
+        The best is fitted to convergence, the others roughly.
+
         Parameters
         ----------
         names
@@ -200,9 +202,13 @@ class Confrontation:
             self.with_effects(chosen, progress)
             fit = self._kept[chosen].fit
             entries = self._screening(chosen)[1] if fit.exceeds_noise else []
+            singles = {entry.names[0]: entry.solution.cost for entry in entries if len(entry.names) == 1}
+            if singles:
+                best = min(singles, key=singles.__getitem__)
+                self.with_effects((*chosen, best), progress)
+                singles[best] = min(singles[best], self._kept[*chosen, best].fit.cost)
         samples = fit.solution.problem.dataset.samples
         unexplained = max(fit.cost - samples, 1e-300)
-        singles = {entry.names[0]: entry.solution.cost for entry in entries if len(entry.names) == 1}
         found = [
             Evidence(name, float(np.clip((fit.cost - singles.get(name, fit.cost)) / unexplained, 0.0, 1.0)))
             for name in self.offered(chosen)
