@@ -81,16 +81,6 @@ def test_taking_columns_out_is_generalised_least_squares() -> None:
     assert dataset.samples == there.sum() == len(T) - len(GAPS)
 
 
-def test_freedom_is_the_price_of_columns_in_the_marginal_likelihood() -> None:
-    """log det(1 + W C S S C' W'), of the covariance that amounts of size S add, by its eigenvalues; offsets aside."""
-    observed = gapped(np.zeros(len(T)))
-    there = np.isfinite(observed.data)
-    columns, root = nuisance(observed)[0][there, 1:], inverse_root(there)
-    added = root @ columns * SIZES[1:]
-    dataset = Dataset([observed, observed], ColouredNoise(RINGING), lambda o: (nuisance(o)[0][:, 1:], SIZES[1:]))
-    assert dataset.log_volume == pytest.approx(2 * np.log1p(np.linalg.eigvalsh(added.T @ added)).sum(), rel=1e-9)
-
-
 def test_a_move_that_columns_make_up_costs_what_is_known_of_their_amounts() -> None:
     """An offset is free. As an amount grows, (a / size)^2 takes over only as far as the record lets it."""
     dataset = Dataset([gapped(np.zeros(len(T)))], White(0.1), nuisance)

@@ -50,9 +50,6 @@ class Record:
         Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
     amounts
         Takes a vector of length n + k to the k amounts of the columns that it holds.
-    log_volume
-        Logarithm of the volume, in units of the noise, of what the columns may add: the price of their freedom in the
-        marginal likelihood, but for columns of which nothing is known.
     given
         The measured values as the observation gives them.
     channels
@@ -66,7 +63,6 @@ class Record:
     sizes: Array
     basis: Array
     amounts: Array
-    log_volume: float
     given: NDArray[Any]
     channels: int
 
@@ -157,11 +153,6 @@ class Dataset:
         """Number of values present."""
         return int(sum(record.present.sum() for record in self.records))
 
-    @property
-    def log_volume(self) -> float:
-        """What the freedom of the columns costs, in the units of the sum of squares: twice the sum over the records."""
-        return 2 * sum(record.log_volume for record in self.records)
-
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
         vector = self._whiten(record.observation, record.present, difference, record.channels)
@@ -214,13 +205,8 @@ class Dataset:
         amounts = (
             (right[significant].T / singular[significant]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
         )
-        log_volume = (
-            np.log(singular[significant]).sum()
-            + np.log(lengths[lengths > 0]).sum()
-            + np.log(sizes[np.isfinite(sizes)]).sum()
-        )
         filled = np.where(present, measured, 0.0)
-        return Record(observation, filled, present, columns, sizes, basis, amounts, float(log_volume), given, count)
+        return Record(observation, filled, present, columns, sizes, basis, amounts, given, count)
 
     def _whiten(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
         return np.asarray(self.noise.whiten(observation, difference.reshape(count, -1).T).T.ravel() * present)
