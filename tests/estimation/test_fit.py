@@ -15,7 +15,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from flexdesign.core.errors import InputError
-from flexdesign.estimation import Fit, White, fit
+from flexdesign.estimation import Fit, fit
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 T = np.linspace(0, 3, 400)
@@ -25,6 +25,19 @@ def noisy(toy: Toy, truth: Mapping[str, float], sigma: float, seed: int = 1, t: 
     return run(toy, truth, t, sigma * np.random.default_rng(seed).standard_normal(len(t)), name)
 
 
+def sigma(found: Fit, name: str) -> float:
+    """The standard deviation of a value that is determined."""
+    deviation = found[name].sigma
+    assert deviation is not None
+    return deviation
+
+
+def without(values: Array, *columns: Array) -> Array:
+    """What no amounts of some columns explain."""
+    matrix = np.column_stack(columns)
+    return np.asarray(values - matrix @ np.linalg.lstsq(matrix, values)[0])
+
+
 # --- recovery -----------------------------------------------------------------------------------------------------
 
 
@@ -32,7 +45,6 @@ def test_parameters_are_recovered_without_noise() -> None:
     """Differences move the response by 1e-3, so that the minimum is exact to rounding over that."""
     found = fit(OSCILLATION, [run(OSCILLATION, TRUTH, T, 0.7)], list(TRUTH))
     assert found.values == pytest.approx(TRUTH, rel=1e-9)
-    assert found.matches[0].offset == pytest.approx((0.7,), abs=1e-9)
     assert found.matches[0].rms < 1e-6 * np.std(oscillation(TRUTH, T))
     assert found.model.predict(Run("again", T, None)) == pytest.approx(oscillation(TRUTH, T), abs=1e-8)
 
@@ -51,38 +63,24 @@ def test_decay_constants_decades_apart_are_recovered(constants: dict[str, float]
     )
     times = np.geomspace(1e-3, 1e3, 300)
     truth = {"p": 2.0, **constants}
-    found = fit(toy, [noisy(toy, truth, 1e-3, t=times)], list(truth), offsets=False)
+    found = fit(toy, [noisy(toy, truth, 1e-3, t=times)], list(truth))
     for name, number in truth.items():
-        assert abs(found.values[name] - number) < 4 * found.sigmas[name]  # 4 sigma: once in 16 000
-        assert found.sigmas[name] < 0.01 * number
+        assert abs(found.values[name] - number) < 4 * sigma(found, name)  # 4 sigma: once in 16 000
+        assert sigma(found, name) < 0.01 * number
 
 
 def test_several_runs_have_offsets_of_their_own() -> None:
     runs = [run(OSCILLATION, TRUTH, T, offset, f"run {offset}") for offset in (-3.0, 0.0, 5.0)]
     found = fit(OSCILLATION, runs, list(TRUTH))
     assert found.values == pytest.approx(TRUTH, rel=1e-9)
-    assert [match.offset[0] for match in found.matches] == pytest.approx([-3.0, 0.0, 5.0], abs=1e-8)
-    bent = fit(OSCILLATION, runs, list(TRUTH), offsets=["run 5.0"], starts=1)
-    assert [match.offset[0] for match in bent.matches][:2] == [0.0, 0.0]
-    assert bent.matches[0].rms > 1.0  # three units of offset are left somewhere
+    assert all(match.rms < 1e-6 for match in found.matches)
 
 
-def test_channels_gaps_and_complex_responses() -> None:
-    """Two channels with offsets of their own, one with gaps; and a complex response of the same parameters."""
-    truth = {"a": 2.0, "k": 3.0}
-    every = (parameter("a", 1.0, 0.1, 10.0), parameter("k", 1.0, 0.1, 10.0, scale="log"))
-    two = Toy(lambda v, t: np.column_stack([v["a"] * np.exp(-v["k"] * t), v["a"] * t]), every)
-    observed = run(two, truth, T, np.array([0.5, -0.25]))
-    observed.data[::7, 1] = np.nan
-    found = fit(two, [observed], ["a", "k"])
-    assert found.values == pytest.approx(truth, rel=1e-8)
-    assert found.matches[0].offset == pytest.approx((0.5, -0.25), abs=1e-8)
-    assert np.array_equal(np.isnan(found.matches[0].residual), np.isnan(observed.data))
-
-    lag = Toy(lambda v, f: v["a"] / (1 + 1j * f / v["k"]), every)
-    found = fit(lag, [run(lag, truth, T)], ["a", "k"], offsets=False)
-    assert found.values == pytest.approx(truth, rel=1e-8)
-    assert np.iscomplexobj(found.matches[0].residual) and found.matches[0].residual.shape == T.shape
+def test_gaps_are_left_out() -> None:
+    observed = run(OSCILLATION, TRUTH, T, 0.5)
+    observed.data[::7] = np.nan
+    found = fit(OSCILLATION, [observed], list(TRUTH))
+    assert found.values == pytest.approx(TRUTH, rel=1e-8)
 
 
 def test_a_single_start_gets_stuck_where_several_do_not() -> None:
@@ -96,8 +94,8 @@ def test_a_single_start_gets_stuck_where_several_do_not() -> None:
     assert abs(stuck.model.values()["f"] - 5.3) > 1.0  # type: ignore[attr-defined]
     assert stuck.starts.is_unconfirmed and "nothing confirms" in str(stuck.starts)
     found = fit(tone, [observed], ["a", "f"])
-    assert found["f"].value == pytest.approx(5.3, abs=4 * found.sigmas["f"])
-    assert found.cost < 0.1 * stuck.cost
+    assert found["f"].value == pytest.approx(5.3, abs=4 * sigma(found, "f"))
+    assert found.matches[0].rms ** 2 < 0.1 * stuck.matches[0].rms ** 2
     assert found.starts.converged >= 2 and not found.starts.is_unconfirmed
     assert f"{found.starts.converged} of {found.starts.refined} starts" in str(found.starts)
 
@@ -105,15 +103,19 @@ def test_a_single_start_gets_stuck_where_several_do_not() -> None:
 def test_a_better_point_met_while_checking_intervals_is_taken() -> None:
     """3.8 (x^2 - 1)^2 + (x - 1)^2 / 4 has a minimum of 1 near -1, where a fit gets stuck, and one of 0 at 1.
 
-    The hill between them is low enough for the profile to walk over.
+    The hill between them is low enough for the profile to walk over, beneath noise of variance one that is orthogonal
+    to the model.
     """
+    rng = np.random.default_rng(0)
+    one, other, *_ = np.linalg.qr(np.column_stack([np.ones(40), rng.standard_normal((40, 2))]))[0].T[1:]
+    noise = without(rng.standard_normal(40), np.ones(40), one, other)
+    noise *= math.sqrt(38 / (noise @ noise))
     wells = Toy(
-        lambda v, t: np.array([math.sqrt(3.8) * (v["x"] ** 2 - 1), v["x"] / 2]), (parameter("x", -1.2, -5.0, 5.0),)
+        lambda v, t: math.sqrt(3.8) * (v["x"] ** 2 - 1) * one + v["x"] / 2 * other, (parameter("x", -1.2, -5.0, 5.0),)
     )
-    observed = [Run("two wells", T[:2], np.array([0.0, 0.5]))]
-    settings: dict[str, Any] = {"noise": 1.0, "offsets": False, "starts": 1}
-    stuck = fit(wells, observed, ["x"], profiles=False, **settings)
-    found = fit(wells, observed, ["x"], **settings)
+    observed = [Run("two wells", T[:40], 0.5 * other + noise)]
+    stuck = fit(wells, observed, ["x"], profiles=False, starts=1)
+    found = fit(wells, observed, ["x"], starts=1)
     assert stuck.model.values()["x"] == pytest.approx(-1.0, abs=0.1)  # type: ignore[attr-defined]
     assert found.model.values()["x"] == pytest.approx(1.0, abs=1e-5)  # type: ignore[attr-defined]
     assert found.starts.is_unconfirmed
@@ -129,7 +131,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(correlated: float) -> Non
     held = dict.fromkeys(TRUTH, 0)
     for seed in range(replicas):
         noise = ar1(np.random.default_rng(seed), len(T), 0.2, correlated)
-        found = fit(OSCILLATION, [run(OSCILLATION, TRUTH, T, noise)], list(TRUTH), starts=1, threads=1)
+        found = fit(OSCILLATION, [run(OSCILLATION, TRUTH, T, noise)], list(TRUTH), starts=1)
         for estimate in found.estimates:
             assert estimate.determined and estimate.interval is not None
             held[estimate.name] += estimate.interval[0] <= TRUTH[estimate.name] <= estimate.interval[1]
@@ -147,9 +149,11 @@ def test_classical_intervals_would_not_hold_it_under_coloured_noise() -> None:
     t = np.linspace(0, 3, 4000)
     found = fit(ramp, [run(ramp, {"slope": 2.0}, t, ar1(np.random.default_rng(3), len(t), 0.1, 0.9))], ["slope"])
     classical = found.matches[0].rms / math.sqrt(np.sum((t - t.mean()) ** 2))
-    assert found.sigmas["slope"] / classical == pytest.approx(math.sqrt(19), rel=0.15)
+    assert sigma(found, "slope") / classical == pytest.approx(math.sqrt(19), rel=0.15)
     assert found.matches[0].inflation == pytest.approx(9.5, rel=0.25)
-    assert found.dof == pytest.approx(len(t) / found.matches[0].inflation - 2, rel=1e-9)
+    low, high = found["slope"].interval or (0, 0)
+    quantile = student.ppf(0.975, len(t) / found.matches[0].inflation - 2)
+    assert high - low == pytest.approx(2 * quantile * sigma(found, "slope"), rel=1e-6)
 
 
 def test_white_noise_gives_the_classical_covariance() -> None:
@@ -163,74 +167,17 @@ def test_white_noise_gives_the_classical_covariance() -> None:
         return oscillation(dict(zip(names, p[:-1], strict=True)), t) + p[-1]
 
     best, covariance = curve_fit(formula, T, observed.data, [*TRUTH.values(), 0.0])
-    sigma = np.sqrt(np.diag(covariance))
-    assert list(found.values.values()) == pytest.approx(best[:-1], abs=1e-3 * float(sigma.min()))
-    assert list(found.sigmas.values()) == pytest.approx(sigma[:-1], rel=1e-3)
+    deviations = np.sqrt(np.diag(covariance))
+    assert list(found.values.values()) == pytest.approx(best[:-1], abs=1e-3 * float(deviations.min()))
+    assert [sigma(found, name) for name in names] == pytest.approx(deviations[:-1], rel=1e-3)
     quantile = student.ppf(0.975, len(T) - len(best))
     assert found["a"].interval == pytest.approx(
-        (best[0] - quantile * sigma[0], best[0] + quantile * sigma[0]), rel=1e-4
+        (best[0] - quantile * deviations[0], best[0] + quantile * deviations[0]), rel=1e-4
     )
-    low, high = np.exp(np.log(best[2]) + quantile * sigma[2] / best[2] * np.array([-1, 1]))  # zeta moves as log
+    low, high = np.exp(np.log(best[2]) + quantile * deviations[2] / best[2] * np.array([-1, 1]))  # zeta moves as log
     assert found["zeta"].interval == pytest.approx((low, high), rel=1e-3)
     # Coordinates are monotonic in the values, so that correlations agree to first order.
-    assert found.correlation == pytest.approx((covariance / np.outer(sigma, sigma))[:-1, :-1], abs=2e-3)
-
-
-def test_given_noise_gives_normal_intervals_unless_the_residual_is_larger() -> None:
-    observed = noisy(OSCILLATION, TRUTH, 0.1, seed=2)
-    right = fit(OSCILLATION, [observed], list(TRUTH), noise=0.1, starts=1)
-    assert right.reduced_chi2 == pytest.approx(1.0, abs=4 * math.sqrt(2 / 395)) and math.isinf(right.dof)
-    low, high = right["a"].interval or (0, 0)
-    assert high - low == pytest.approx(2 * norm.ppf(0.975) * right.sigmas["a"], rel=1e-6)
-    unknown = fit(OSCILLATION, [observed], list(TRUTH), starts=1)
-    assert unknown.reduced_chi2 is None
-    deviation = np.sqrt(np.sum(unknown.matches[0].residual ** 2) / (len(T) - 5))
-    assert right.sigmas["a"] / unknown.sigmas["a"] == pytest.approx(0.1 / deviation, rel=1e-4)
-    low_noise = fit(OSCILLATION, [observed], list(TRUTH), noise={"run": 0.02}, starts=1)
-    assert low_noise.reduced_chi2 == pytest.approx(25 * right.reduced_chi2, rel=1e-6)
-    assert low_noise.sigmas["a"] == pytest.approx(unknown.sigmas["a"], rel=1e-4)
-
-
-def test_noise_weighs_observations() -> None:
-    """Two readings of one constant, 1 ± 0.1 and 2 ± 0.5: their weighted mean; 2 sigma apart, which is within chance."""
-    level = Toy(lambda v, t: np.full(len(t), v["x"]), (parameter("x", 0.0, -10.0, 10.0),))
-    readings = [Run("fine", np.zeros(1), np.array([1.0])), Run("coarse", np.zeros(1), np.array([2.0]))]
-    found = fit(level, readings, ["x"], noise={"fine": 0.1, "coarse": 0.5}, offsets=False)
-    weights = 1 / 0.1**2, 1 / 0.5**2
-    assert found["x"].value == pytest.approx((weights[0] + 2 * weights[1]) / sum(weights), rel=1e-6)
-    assert found.sigmas["x"] == pytest.approx(1 / math.sqrt(sum(weights)), rel=1e-6)
-
-
-def test_an_operator_can_whiten() -> None:
-    """Whitened by the true AR(1) filter, a slow parameter is found as white noise allows, sqrt(19) wider than naive."""
-
-    class Filter:
-        def whiten(self, observation: Any, residual: Array) -> Array:
-            filtered = residual.copy()
-            filtered[1:] -= 0.9 * residual[:-1]
-            filtered[0] *= math.sqrt(1 - 0.9**2)
-            return filtered / (0.1 * math.sqrt(1 - 0.9**2))
-
-    ramp = Toy(lambda v, t: v["slope"] * t, (parameter("slope", 1.0, -10.0, 10.0),))
-    t = np.linspace(0, 3, 4000)
-    observed = run(ramp, {"slope": 2.0}, t, ar1(np.random.default_rng(3), len(t), 0.1, 0.9))
-    found = fit(ramp, [observed], ["slope"], noise=Filter())
-    naive = fit(ramp, [observed], ["slope"], noise=White(0.1))
-    assert found.reduced_chi2 == pytest.approx(1.0, abs=4 * math.sqrt(2 / len(t)))
-    assert found.sigmas["slope"] == pytest.approx(naive.sigmas["slope"], rel=0.15)  # the sandwich agrees with it
-
-
-def test_a_crooked_likelihood_gets_the_interval_of_its_profile() -> None:
-    """One level 1 ± 0.2 is the square of the parameter: the ends are the roots of the ends of the level."""
-    square = Toy(lambda v, t: np.full(len(t), v["x"] ** 2), (parameter("x", 1.5, 0.05, 10.0),))
-    found = fit(square, [Run("level", T[:3], np.array([0.9, 1.0, 1.1]))], ["x"], noise=0.6, offsets=False)
-    half = norm.ppf(0.975) * 0.6 / math.sqrt(3)
-    assert found["x"].reason == "interval from the profile likelihood"
-    assert found["x"].interval == pytest.approx((math.sqrt(1 - half), math.sqrt(1 + half)), rel=0.02)
-    plain = fit(
-        square, [Run("level", T[:3], np.array([0.9, 1.0, 1.1]))], ["x"], noise=0.6, offsets=False, profiles=False
-    )
-    assert plain["x"].interval == pytest.approx((1 - half / 2, 1 + half / 2), rel=1e-3)
+    assert found.correlation == pytest.approx((covariance / np.outer(deviations, deviations))[:-1, :-1], abs=2e-3)
 
 
 # --- refusals -----------------------------------------------------------------------------------------------------
@@ -260,7 +207,7 @@ def test_entangled_parameters_are_refused_and_their_relation_named(relation: str
     assert found["gain"].reason == f"gain and a: only their {relation} shows in these runs"
     assert found["a"].reason == f"a and gain: only their {relation} shows in these runs; would show it: a slow triangle"
     assert found["gain"].confounded == ("a",) and found["gain"].interval is None
-    assert found["drift"].value == pytest.approx(0.3, abs=4 * found.sigmas["drift"])
+    assert found["drift"].value == pytest.approx(0.3, abs=4 * sigma(found, "drift"))
     fitted = found.model.values()  # type: ignore[attr-defined]
     assert combine(fitted["gain"], fitted["a"]) == pytest.approx(combine(3.0, 0.7), rel=0.02)  # noise: 0.05 / 14 of 2.1
 
@@ -288,14 +235,14 @@ def test_what_is_known_breaks_an_entanglement() -> None:
 
 
 def test_what_is_known_is_combined_by_its_weight() -> None:
-    """A level of 400 samples ± 0.2, so 1 ± 0.01, and the prior, 1.03 ± 0.01: the middle, ± 0.01 / sqrt(2)."""
-    level = Toy(lambda v, t: np.full(len(t), v["x"]), (parameter("x", 0.0, -10.0, 10.0),))
-    noise = np.random.default_rng(0).standard_normal(len(T))
-    noise = 0.2 * (noise - noise.mean()) / noise.std(ddof=1)
-    for given in (0.2, None):
-        found = fit(level, [Run("level", T, 1 + noise)], ["x"], known={"x": (1.03, 0.01)}, noise=given, offsets=False)
-        assert found["x"].value == pytest.approx(1.015, abs=2e-4)  # the balance is struck to 2 %
-        assert found.sigmas["x"] == pytest.approx(0.01 / math.sqrt(2), rel=0.01)
+    """A height of 400 samples ± 0.2, so 1 ± 0.01, and the prior, 1.03 ± 0.01: the middle, ± 0.01 / sqrt(2)."""
+    sign = np.resize([1.0, -1.0], len(T))
+    height = Toy(lambda v, t: v["x"] * sign, (parameter("x", 0.0, -10.0, 10.0),))
+    noise = without(np.random.default_rng(0).standard_normal(len(T)), np.ones(len(T)), sign)
+    noise *= 0.2 * math.sqrt((len(T) - 2) / (noise @ noise))
+    found = fit(height, [Run("height", T, sign + noise)], ["x"], known={"x": (1.03, 0.01)})
+    assert found["x"].value == pytest.approx(1.015, abs=2e-4)  # the balance is struck to 2 %
+    assert sigma(found, "x") == pytest.approx(0.01 / math.sqrt(2), rel=0.01)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -306,7 +253,7 @@ def test_similar_exponentials_get_no_numbers(seed: int) -> None:
         lambda v, t: v["A"] * np.exp(-v["k"] * t) + v["B"] * np.exp(-v["m"] * t),
         tuple(parameter(name, start, 0.01, 10.0, scale="log") for name, start in truth.items()),
     )
-    found = fit(toy, [noisy(toy, truth, 0.02, seed)], list(truth), offsets=False, starts=4)
+    found = fit(toy, [noisy(toy, truth, 0.02, seed)], list(truth), starts=4)
     assert len(found.undetermined) >= 3
     for estimate in found.estimates:  # what is stated nevertheless is true
         if estimate.interval:
@@ -319,7 +266,7 @@ def test_values_that_may_be_exchanged_are_refused() -> None:
         lambda v, t: np.exp(-v["k"] * t) + np.exp(-v["m"] * t),
         (parameter("k", 1.0, 0.1, 30.0, scale="log"), parameter("m", 9.0, 0.1, 30.0, scale="log")),
     )
-    found = fit(toy, [noisy(toy, {"k": 0.5, "m": 6.0}, 0.01)], ["k", "m"], offsets=False, seed=1)
+    found = fit(toy, [noisy(toy, {"k": 0.5, "m": 6.0}, 0.01)], ["k", "m"])
     assert found.undetermined == ("k", "m")
     assert found["k"].reason.endswith("fit alike")
 
@@ -359,7 +306,7 @@ def test_a_limit_that_the_runs_stay_below_has_a_lower_limit() -> None:
     assert found["w"].interval[1] == math.inf and 10 < found["w"].interval[0] < 1e5
     assert found["w"].reason.startswith("at least") and found["w"].reason.endswith("do not distinguish it from inf Hz")
     slow = fit(toy, [noisy(toy, {"g": 2.0, "w": 5.0}, 0.05)], ["g", "w"])
-    assert slow["w"].value == pytest.approx(5.0, abs=4 * slow.sigmas["w"])
+    assert slow["w"].value == pytest.approx(5.0, abs=4 * sigma(slow, "w"))
 
 
 def test_a_parameter_without_influence_is_refused() -> None:
@@ -377,23 +324,20 @@ def _narrowed(p: Any, name: str, plausible: tuple[float, float]) -> Any:
 # --- behaviour ----------------------------------------------------------------------------------------------------
 
 
-def same(one: Fit, other: Fit) -> bool:
-    return one.estimates == other.estimates and one.values == other.values and one.sigmas == other.sigmas
-
-
-def test_the_same_seed_gives_the_same_result_on_any_number_of_threads() -> None:
+def test_the_same_data_give_the_same_result() -> None:
     observed = [noisy(OSCILLATION, TRUTH, 0.3)]
-    first, second = (fit(OSCILLATION, observed, list(TRUTH), seed=5, threads=2) for _ in range(2))
-    assert same(first, second) and first.evaluations == second.evaluations
-    assert same(first, fit(OSCILLATION, observed, list(TRUTH), seed=5, threads=1))
-    other = fit(OSCILLATION, observed, list(TRUTH), seed=6)
-    assert other.values == pytest.approx(first.values, rel=1e-5)  # another way to the same minimum
+    first, second = (fit(OSCILLATION, observed, list(TRUTH)) for _ in range(2))
+    assert first.estimates == second.estimates and first.values == second.values
+    assert first.evaluations == second.evaluations
 
 
 @pytest.mark.parametrize("failure", ["exception", "nan", "overflow", "refusal"])
 def test_a_model_that_fails_at_some_values_is_survived(failure: str) -> None:
+    failed = []
+
     def formula(v: Mapping[str, float], t: Array) -> Array:
         if v["f"] > 3.4:
+            failed.append(v["f"])
             if failure == "exception":
                 raise FloatingPointError("diverged")
             if failure == "refusal":
@@ -402,9 +346,9 @@ def test_a_model_that_fails_at_some_values_is_survived(failure: str) -> None:
         return oscillation(v, t)
 
     found = fit(Toy(formula, OSCILLATION.every), [noisy(OSCILLATION, TRUTH, 0.1)], list(TRUTH))
-    assert found.failures > 0
+    assert failed
     for name, number in TRUTH.items():
-        assert found.values[name] == pytest.approx(number, abs=4 * found.sigmas[name])
+        assert found.values[name] == pytest.approx(number, abs=4 * sigma(found, name))
 
 
 def test_a_model_that_fails_everywhere_is_said() -> None:
@@ -413,8 +357,7 @@ def test_a_model_that_fails_everywhere_is_said() -> None:
         fit(hopeless, [noisy(OSCILLATION, TRUTH, 0.1)], list(TRUTH))
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_ctrl_c_passes_through_and_leaves_no_thread(threads: int) -> None:
+def test_ctrl_c_passes_through_and_leaves_no_thread() -> None:
     calls = iter(range(40))
 
     def formula(v: Mapping[str, float], t: Array) -> Array:
@@ -424,7 +367,7 @@ def test_ctrl_c_passes_through_and_leaves_no_thread(threads: int) -> None:
 
     before = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        fit(Toy(formula, OSCILLATION.every), [noisy(OSCILLATION, TRUTH, 0.1)], list(TRUTH), threads=threads)
+        fit(Toy(formula, OSCILLATION.every), [noisy(OSCILLATION, TRUTH, 0.1)], list(TRUTH))
     assert threading.active_count() == before
 
 
@@ -460,16 +403,12 @@ GOOD = noisy(OSCILLATION, TRUTH, 0.1)
         ({"free": ["a", "a"]}, "each once"),
         ({"known": {"b": (1.0, 1.0)}}, "not a parameter"),
         ({"known": {"a": (1.0, 0.0)}}, "above zero"),
-        ({"noise": 0.0}, "noise.run = 0.0"),
-        ({"noise": {"other": 1.0}}, "standard deviation of its noise"),
         ({"starts": 0}, "at least one start"),
-        ({"threads": 0}, "at least one thread"),
         ({"observations": []}, "needs something that was measured"),
         ({"observations": [GOOD, GOOD]}, "given twice"),
         ({"observations": [dataclasses.replace(GOOD, role="validate")]}, "kept for validation"),
-        ({"observations": [Run("run", T, np.full(len(T), np.nan))]}, "without a finite value"),
+        ({"observations": [Run("run", T, np.full(len(T), np.nan))]}, "holds no finite value"),
         ({"observations": [Run("run", T, np.zeros(7))]}, "measured are (7,)"),
-        ({"observations": [Run("run", T, np.zeros(len(T), dtype=complex))]}, "both real or complex"),
         ({"observations": [noisy(OSCILLATION, TRUTH, 0.1, t=T[:5])]}, "more samples"),
     ],
 )

@@ -14,7 +14,8 @@ from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import ColouredNoise, White, Whitening
 from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.intervals import intervals
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
@@ -34,13 +35,13 @@ def offset(observation: Observation) -> tuple[Array, Array]:
 def solved(
     model: Toy,
     runs: Sequence[Run],
-    sigma: float,
+    noise: float | Whitening,
     shapes: Shapes = nothing,
     small: float = SMALL_REDUCTION,
     **known: Any,
 ) -> Solution:
     where = coordinates(model, [p.name for p in model.every], known)
-    problem = Problem(Dataset(runs, White(sigma), shapes), model, where)
+    problem = Problem(Dataset(runs, White(noise) if isinstance(noise, float) else noise, shapes), model, where)
     found = solve(problem, where.start, small=small)
     assert found is not None
     return found
@@ -72,6 +73,27 @@ def test_what_is_known_of_a_nuisance_column_counts() -> None:
     jacobian = np.column_stack([T, np.ones_like(T)]) / 0.1
     covariance = np.linalg.inv(jacobian.T @ jacobian + np.diag([0.0, 1 / 0.01**2]))
     assert uncertainty(found).covariance == pytest.approx(covariance[:1, :1], rel=1e-6)
+
+
+def test_noise_weighs_observations() -> None:
+    """Two readings of one constant, 1 ± 0.1 and 2 ± 0.5: their weighted mean; 2 sigma apart, which is within chance."""
+    level = Toy(lambda v, t: np.full(len(t), v["x"]), (parameter("x", 0.0, -10.0, 10.0),))
+    readings = [Run("fine", np.zeros(1), np.array([1.0])), Run("coarse", np.zeros(1), np.array([2.0]))]
+    noise = ColouredNoise({"fine": Process.white(0.1), "coarse": Process.white(0.5)})
+    (estimate,) = intervals(solved(level, readings, noise, small=1e-9), ["x"])
+    weights = 1 / 0.1**2, 1 / 0.5**2
+    assert estimate.value == pytest.approx((weights[0] + 2 * weights[1]) / sum(weights), rel=1e-6)
+    assert estimate.sigma == pytest.approx(1 / math.sqrt(sum(weights)), rel=1e-6)
+
+
+def test_whitened_by_its_process_coloured_noise_has_the_interval_of_the_sandwich() -> None:
+    """A slow parameter under AR(1) noise, by the true filter and as if it were white, from the residual."""
+    t = np.linspace(0, 3, 4000)
+    observed = [run(line(), {"slope": 2.0}, t, ar1(np.random.default_rng(3), len(t), 0.1, 0.9))]
+    process = Process.from_coefficients(np.array([1.0, -0.9]), 0.1 * math.sqrt(1 - 0.9**2))
+    found, naive = (uncertainty(solved(line(), observed, noise, offset)) for noise in (ColouredNoise(process), 0.1))
+    assert found.variance == 1.0
+    assert found.covariance[0, 0] == pytest.approx(naive.covariance[0, 0], rel=0.3)
 
 
 @pytest.mark.parametrize("correlated", [0.0, 0.9], ids=["white", "AR(1) 0.9"])

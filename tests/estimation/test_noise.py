@@ -9,8 +9,7 @@ import pytest
 from scipy.linalg import toeplitz
 
 from flexdesign.estimation.noise.autoregressive import Autocorrelation, estimate_autocorrelation
-from flexdesign.estimation.noise.whitening import White
-from tests.estimation.toys import Run, ar1
+from tests.estimation.toys import ar1
 
 
 @pytest.mark.parametrize("rho", [-0.5, 0.3, 0.9])
@@ -50,8 +49,3 @@ def test_short_and_vanishing_residuals_are_taken_for_white() -> None:
     assert estimate_autocorrelation(ar1(np.random.default_rng(0), 20, 1.0, 0.9)).is_white
     assert estimate_autocorrelation(np.zeros(100)).is_white
     assert estimate_autocorrelation(np.zeros(0)).is_white
-
-
-def test_white_noise_divides() -> None:
-    observation = Run("run", np.zeros(2), np.zeros(2))
-    assert White({"run": np.array([[0.5], [2.0]])}).whiten(observation, np.ones((2, 1))).ravel().tolist() == [2.0, 0.5]

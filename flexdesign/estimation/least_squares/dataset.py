@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
-from flexdesign.estimation.noise.whitening import Scaled, Whitening
+from flexdesign.estimation.noise.whitening import Whitening
 
 Array = NDArray[np.float64]
 #: A combination of columns this small, relative to the largest, is hidden.
@@ -32,8 +31,6 @@ Shapes = Callable[[Observation], tuple[Array, Array]]
 class Record:
     """One observation of n values, and what adds to it in an unknown amount.
 
-    Channels follow one another in the n values; a complex response has its real and imaginary parts as channels.
-
     Parameters
     ----------
     observation
@@ -44,39 +41,26 @@ class Record:
         False at gaps.
     columns
         What may add to it: n by k, SI.
-    sizes
-        How large the amount of each may be, SI; infinite where nothing is known of it.
     basis
-        Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
+        Orthonormal basis of these columns, whitened, with a row for what is known of the size of each: n + k by k or
+        fewer.
     amounts
         Takes a vector of length n + k to the k amounts of the columns that it holds.
-    given
-        The measured values as the observation gives them.
-    channels
-        Number of channels.
     """
 
     observation: Observation
     measured: Array
     present: NDArray[np.bool_]
     columns: Array
-    sizes: Array
     basis: Array
     amounts: Array
-    given: NDArray[Any]
-    channels: int
 
     @property
     def rows(self) -> int:
         """Length of a residual: a row for each value, and one for each column."""
         return len(self.basis)
 
-    def series(self) -> list[slice]:
-        """Return the rows of a residual that belong to each channel."""
-        n = len(self.measured) // self.channels
-        return [slice(k * n, (k + 1) * n) for k in range(self.channels)]
-
-    def difference(self, predicted: NDArray[Any]) -> Array:
+    def difference(self, predicted: Array) -> Array:
         """Return measured less predicted, n values in SI; zero at gaps.
 
         Raises
@@ -84,21 +68,10 @@ class Record:
         InputError
             If the prediction has another shape than the measurement.
         """
-        if predicted.shape != self.given.shape:
-            remedy = f"the model predicts values shaped {predicted.shape}, measured are {self.given.shape}"
+        if predicted.shape != self.measured.shape:
+            remedy = f"the model predicts values shaped {predicted.shape}, measured are {self.measured.shape}"
             raise InputError("fit", self.observation.name, None, remedy)
-        if np.iscomplexobj(predicted) != np.iscomplexobj(self.given):
-            remedy = "measured and predicted are not both real or complex"
-            raise InputError("fit", self.observation.name, None, remedy)
-        return np.where(self.present, self.measured - channels(predicted)[0], 0.0)
-
-    def reshape(self, values: Array) -> NDArray[Any]:
-        """Return n values in the shape and kind of the observation."""
-        table = values.reshape(self.channels, -1).T
-        if np.iscomplexobj(self.given):
-            half = self.channels // 2
-            table = table[:, :half] + 1j * table[:, half:]
-        return table.reshape(self.given.shape)
+        return np.where(self.present, self.measured - predicted, 0.0)
 
 
 class Dataset:
@@ -132,11 +105,6 @@ class Dataset:
         """Return the data set with other columns that may add to its observations, and perhaps with other noise."""
         return Dataset([record.observation for record in self.records], noise or self.noise, shapes)
 
-    def scaled(self, factor: float) -> Dataset:
-        """Return the data set with its noise times a factor."""
-        own = {record.observation.name: (record.columns, record.sizes) for record in self.records}
-        return self.with_shapes(lambda observation: own[observation.name], Scaled(self.noise, factor))
-
     def part(self, names: Sequence[str]) -> Dataset:
         """Return the data set of some of its observations."""
         part = copy(self)
@@ -155,7 +123,7 @@ class Dataset:
 
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
-        vector = self._whiten(record.observation, record.present, difference, record.channels)
+        vector = self._whiten(record.observation, record.present, difference)
         padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
         return np.asarray(padded - record.basis @ (record.basis.T @ padded))
 
@@ -167,7 +135,9 @@ class Dataset:
     def remainder(self, record: Record, predicted: Array) -> Array:
         """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
         difference = record.difference(predicted)
-        return np.where(record.present, difference - record.columns @ self.amounts(record, difference), np.nan)
+        vector = self._whiten(record.observation, record.present, difference)
+        amounts = record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])])
+        return np.where(record.present, difference - record.columns @ amounts, np.nan)
 
     def discrepancy(self, residuals: Sequence[Array]) -> float:
         """Return the reduced chi^2 of whitened residuals times the number of samples that count as one; at least one.
@@ -179,22 +149,14 @@ class Dataset:
         weighted = sum(float(part @ part) * estimate_autocorrelation(part).inflation for part in parts)
         return max(weighted / self.samples, 1.0)
 
-    def amounts(self, record: Record, difference: Array) -> Array:
-        """Return the amounts of the columns that explain a difference (n, SI) best."""
-        vector = self._whiten(record.observation, record.present, difference, record.channels)
-        return np.asarray(record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])]))
-
     def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
-        given = np.asarray(observation.measured())
-        measured, count = channels(given)
+        measured = np.asarray(observation.measured(), dtype=float)
         present = np.isfinite(measured)
-        if not present.reshape(count, -1).any(axis=1).all():
-            raise InputError(
-                "runs", observation.name, None, "holds no finite value, or a channel without a finite value"
-            )
+        if not present.any():
+            raise InputError("runs", observation.name, None, "holds no finite value")
         whitened = np.empty_like(columns)
         for k, column in enumerate(columns.T):
-            whitened[:, k] = self._whiten(observation, present, column * present, count)
+            whitened[:, k] = self._whiten(observation, present, column * present)
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
         # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
         lengths = np.linalg.norm(stacked, axis=0)
@@ -205,15 +167,7 @@ class Dataset:
         amounts = (
             (right[significant].T / singular[significant]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
         )
-        filled = np.where(present, measured, 0.0)
-        return Record(observation, filled, present, columns, sizes, basis, amounts, given, count)
+        return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
 
-    def _whiten(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
-        return np.asarray(self.noise.whiten(observation, difference.reshape(count, -1).T).T.ravel() * present)
-
-
-def channels(values: NDArray[Any]) -> tuple[Array, int]:
-    """Return values channel after channel, and the number of channels."""
-    table = values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1)
-    table = np.hstack([table.real, table.imag]) if np.iscomplexobj(table) else np.asarray(table, dtype=float)
-    return table.T.ravel(), table.shape[1]
+    def _whiten(self, observation: Observation, present: NDArray[np.bool_], difference: Array) -> Array:
+        return np.asarray(self.noise.whiten(observation, difference[:, None])[:, 0] * present)

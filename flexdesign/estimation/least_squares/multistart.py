@@ -50,9 +50,7 @@ class Starts:
         return text + ("; the fit may be stuck: ask for more starts" if self.is_unconfirmed else "")
 
 
-def multistart(
-    problem: Problem, starts: int, seed: int, progress: Callable[[str], None]
-) -> tuple[Solution, Starts, list[Array]]:
+def multistart(problem: Problem, starts: int, progress: Callable[[str], None]) -> tuple[Solution, Starts, list[Array]]:
     """Return the best minimum, how the starts ended, and the minima of all starts.
 
     The first start is the model's own values. The others are the best points of a scrambled Sobol sample of the
@@ -66,7 +64,7 @@ def multistart(
     """
     found: list[Solution] = []
     summary = Starts(starts, 0, 0)
-    for point in _points(problem, starts, seed):
+    for point in _points(problem, starts):
         if (minimum := solve(problem.fresh(), point, MINIMUM, small=problem.dataset.floor)) is not None:
             found.append(minimum)
         summary = Starts(starts, len(found), _count_converged(problem, found))
@@ -87,7 +85,7 @@ def _count_converged(problem: Problem, found: list[Solution]) -> int:
     return sum(solution.cost <= best + 0.1 * variance + problem.dataset.floor for solution in found)
 
 
-def _points(problem: Problem, starts: int, seed: int) -> Iterator[Array]:
+def _points(problem: Problem, starts: int) -> Iterator[Array]:
     """Yield the points to start from, no more than `starts`; the sample is drawn only when it is asked for."""
     first, others = problem.where.start, starts
     if problem.residuals(first) is not None:
@@ -98,17 +96,15 @@ def _points(problem: Problem, starts: int, seed: int) -> Iterator[Array]:
             with suppress(ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
                 record.difference(np.asarray(problem.at(first).predict(record.observation)))
     if others:
-        yield from _sample_starts(problem, starts, seed)[:others]
+        yield from _sample_starts(problem, starts)[:others]
 
 
-def _sample_starts(problem: Problem, starts: int, seed: int) -> list[Array]:
+def _sample_starts(problem: Problem, starts: int) -> list[Array]:
     """Return points of a sample of the plausible ranges, best first, with some distance between them."""
     from scipy.stats.qmc import Sobol
 
     low, high = problem.where.sampled()
-    sample = Sobol(len(low), rng=np.random.default_rng(seed)).random_base2(
-        math.ceil(math.log2(STARTING_POINTS * starts))
-    )
+    sample = Sobol(len(low), rng=np.random.default_rng(0)).random_base2(math.ceil(math.log2(STARTING_POINTS * starts)))
     points = [low + unit * (high - low) for unit in sample]
     costs = np.array(list(problem.each(lambda x: problem.cost(x, problem.residuals(x)), points)))
     apart = 0.25 * starts ** (-1 / len(low))  # a quarter of the distance between as many points on a grid

@@ -7,7 +7,6 @@ derivatives ask for one record each, and the normal equations are filled block b
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -51,12 +50,12 @@ class _Count:
     """Counts predictions, of several threads."""
 
     def __init__(self) -> None:
-        self.make, self._lock = Counter[str](), threading.Lock()
+        self.total, self._lock = 0, threading.Lock()
 
-    def add(self, failed: bool) -> None:
+    def add(self) -> None:
         """Count one more."""
         with self._lock:
-            self.make.update(all=1, failed=int(failed))
+            self.total += 1
 
 
 class Problem:
@@ -105,12 +104,7 @@ class Problem:
     @property
     def evaluations(self) -> int:
         """Number of predictions so far, those of problems made from this one among them."""
-        return self._count.make["all"]
-
-    @property
-    def failures(self) -> int:
-        """Number of these that gave no numbers."""
-        return self._count.make["failed"]
+        return self._count.total
 
     def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
         """Return the problem with its own finite-difference steps; perhaps with another data set."""
@@ -162,13 +156,12 @@ class Problem:
         return None if any(part is None for part in found) else found
 
     def _residual(self, model: Model, record: Record) -> Array | None:
+        self._count.add()
         try:
             with np.errstate(all="ignore"):
-                found = self.dataset.residual(record, np.asarray(model.predict(record.observation)))
+                return self.dataset.residual(record, np.asarray(model.predict(record.observation)))
         except (ArithmeticError, np.linalg.LinAlgError, InputError):
-            found = None
-        self._count.add(found is None)
-        return found
+            return None
 
     def prior_residual(self, x: Array) -> Array:
         """Return how many standard deviations each known number is from the prior."""

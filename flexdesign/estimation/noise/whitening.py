@@ -27,49 +27,19 @@ class Whitening(Protocol):
         observation
             Where the residual comes from.
         residual
-            Samples by channels, SI, gaps as zeros; the result has the same shape and is linear in it.
+            Samples by columns, SI, gaps as zeros; the result has the same shape and is linear in it.
         """
-
-
-#: Noise as `fit` takes it; None where it is unknown: white, alike in all observations, estimated from the residual.
-Noise = None | float | Mapping[str, float | Array] | Whitening
 
 
 @dataclass(frozen=True)
 class White:
-    """White noise, by its standard deviation in SI.
+    """White noise alike in all observations, by its standard deviation in SI."""
 
-    That is one number for all observations, or by the observation's name a number or an array that broadcasts to
-    samples by channels.
-    """
+    sigma: float
 
-    sigma: float | Mapping[str, float | Array]
-
-    def whiten(self, observation: Observation, residual: Array) -> Array:
-        """Return the residual over the standard deviation.
-
-        Raises
-        ------
-        InputError
-            If the noise of this observation is not given, or is not above zero.
-        """
-        sigma = self.sigma.get(observation.name) if isinstance(self.sigma, Mapping) else self.sigma
-        if sigma is None or not np.all(np.asarray(sigma) > 0):
-            remedy = "give the standard deviation of its noise, above zero"
-            raise InputError("fit", f"noise.{observation.name}", sigma, remedy)
-        return np.asarray(residual / np.asarray(sigma, dtype=float))
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """Noise that is a multiple of other noise."""
-
-    noise: Whitening
-    factor: float
-
-    def whiten(self, observation: Observation, residual: Array) -> Array:
-        """Return the whitened residual."""
-        return self.noise.whiten(observation, residual) / self.factor
+    def whiten(self, _: Observation, residual: Array) -> Array:
+        """Return the residual over the standard deviation."""
+        return residual / self.sigma
 
 
 @dataclass(frozen=True)
@@ -95,8 +65,7 @@ class ColouredNoise:
     def whiten(self, observation: Observation, residual: Array) -> Array:
         """Return the whitened residual, zero at gaps: values of the observation that are not finite.
 
-        Of an observation with one channel, the residual may have any number of columns. After a gap the process starts
-        anew, its past unknown.
+        After a gap the process starts anew, its past unknown.
 
         Raises
         ------
@@ -104,16 +73,13 @@ class ColouredNoise:
             If the noise of this observation is not given, or residual and measured samples do not match.
         """
         process = self.process(observation.name)
-        measured = np.asarray(observation.measured())
-        present = np.isfinite(measured.reshape(len(measured), -1))
-        if len(present) != len(residual) or present.shape[1] not in (1, residual.shape[1]):
-            remedy = f"the residual is shaped {residual.shape}, measured are {present.shape}; give samples by channels"
+        present = np.isfinite(np.asarray(observation.measured()))
+        if len(present) != len(residual):
+            remedy = f"the residual has {len(residual)} samples, measured are {len(present)}"
             raise InputError("fit", observation.name, None, remedy)
         whitened = np.zeros(residual.shape)
-        for channel, there in enumerate(present.T):
-            columns = slice(channel, channel + 1) if present.shape[1] > 1 else slice(None)
-            for first, last in stretches(there):
-                whitened[first:last, columns] = process.whiten(residual[first:last, columns])
+        for first, last in stretches(present):
+            whitened[first:last] = process.whiten(residual[first:last])
         return whitened
 
 

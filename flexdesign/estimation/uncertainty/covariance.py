@@ -7,10 +7,10 @@ information, and the classical covariance is too small. Then the sandwich
     (J'J + P)^-1 (sum_i s_i^2 J_i' R_i J_i + P) (J'J + P)^-1
 
 takes its place (Huber 1967; with correlated errors, Hansen 1982). J is the Jacobian without nuisance columns, P the
-precision of prior knowledge. The correlation R_i of a record's channel is that of the autoregressive process found in
-its residual (`noise.colour`), rather than a sum over lags: at the correlations seen here a lag window would need more
-samples than there are. The variance s_i^2 counts the degrees of freedom that the fit takes from a coloured residual,
-and Student's quantile those that remain after samples are counted as `Colour.inflation` says.
+precision of prior knowledge. The correlation R_i of a record is that of the autoregressive process found in its
+residual (`noise.autoregressive`), rather than a sum over lags: at the correlations seen here a lag window would need
+more samples than there are. The variance s_i^2 counts the degrees of freedom that the fit takes from a coloured
+residual, and Student's quantile those that remain after samples are counted as `Autocorrelation.inflation` says.
 
 The correlation estimated from a residual is too small where few independent samples stand behind each parameter: for
 100 samples of correlation 0.9 from one to the next, intervals hold the truth in five of six replicas instead of 19 of
@@ -19,7 +19,6 @@ The correlation estimated from a residual is too small where few independent sam
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -55,13 +54,9 @@ class Uncertainty:
         Directions that neither data nor prior knowledge determine, one a row: weights in coordinates scaled by their
         influence, unit length.
     quantile
-        Student's, for intervals.
-    dof
-        Degrees of freedom of the residual; infinite where the noise is given and explains the residual.
+        For intervals: Student's, or the normal one where the noise is given and explains the residual.
     variance
         Of the whitened residual.
-    reduced_chi2
-        The cost of the data over its degrees of freedom, in units of the given noise.
     inflation
         How many samples count as one, for each record.
     """
@@ -70,9 +65,7 @@ class Uncertainty:
     inverse_hessian: Array
     null_space: Array
     quantile: float
-    dof: float
     variance: float
-    reduced_chi2: float
     inflation: tuple[float, ...]
 
     @property
@@ -104,10 +97,9 @@ class Uncertainty:
         return [i for i in np.flatnonzero(shared).tolist() if i != j and self.in_null_space(i)]
 
 
-class _Channel(NamedTuple):
-    """The residual of one channel of a record: J' R J, and the degrees of freedom that the fit takes from it."""
+class _Part(NamedTuple):
+    """The residual of one record: J' R J, and the degrees of freedom that the fit takes from it."""
 
-    record: int
     autocorrelation: Autocorrelation
     chi2: float
     samples: int
@@ -134,24 +126,24 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
         data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
     projection, inverse_hessian, null_space = _decompose(data, prior)
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
-    channels = _channels(solution, jacobians, inverse_hessian)
-    inflation = np.array([channel.autocorrelation.inflation for channel in channels])
-    samples = np.array([channel.samples for channel in channels])
-    chi2 = np.array([channel.chi2 for channel in channels])
+    parts = _parts(solution, jacobians, inverse_hessian)
+    inflation = np.array([part.autocorrelation.inflation for part in parts])
+    samples = np.array([part.samples for part in parts])
+    chi2 = np.array([part.chi2 for part in parts])
     # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
-    left = np.maximum(samples - [channel.effective_parameters for channel in channels], 0.1 * samples)
+    left = np.maximum(samples - [part.effective_parameters for part in parts], 0.1 * samples)
     pooled = float(chi2.sum() / left.sum())
     nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
     parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection))) + nuisance
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
-    is_white = all(channel.autocorrelation.is_white for channel in channels)
+    is_white = all(part.autocorrelation.is_white for part in parts)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, MISFIT_LEVEL))
     variance = given if is_explained else pooled
-    variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
+    variances = np.full(len(parts), variance) if is_white else np.maximum(chi2 / left, given)
     # What is known of nuisance columns and of parameters counts with the variance that it states.
     known = np.vstack([prior, *(j[len(record.measured) :] for j, record in zip(jacobians, records, strict=True))])
     score_covariance = known.T @ known + sum(
-        v * channel.score_covariance for v, channel in zip(variances, channels, strict=True)
+        v * part.score_covariance for v, part in zip(variances, parts, strict=True)
     )
     upper = (1 + CONFIDENCE) / 2
     return Uncertainty(
@@ -159,30 +151,22 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
         inverse_hessian=inverse_hessian,
         null_space=null_space,
         quantile=float(ndtri(upper) if is_explained else stdtrit(dof, upper)),
-        dof=math.inf if is_explained else dof,
         variance=variance,
-        reduced_chi2=pooled / (given or 1.0),
-        inflation=tuple(
-            float(np.mean(inflation[[channel.record == r for channel in channels]])) for r in range(len(records))
-        ),
+        inflation=tuple(inflation.tolist()),
     )
 
 
-def _channels(solution: Solution, jacobians: Sequence[Array], inverse_hessian: Array) -> list[_Channel]:
-    """Return the channels of all records; the Jacobians have no null directions."""
+def _parts(solution: Solution, jacobians: Sequence[Array], inverse_hessian: Array) -> list[_Part]:
+    """Return the residuals of all records; the Jacobians have no null directions."""
     made = []
-    for r, record in enumerate(solution.problem.dataset.records):
-        for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
-            residual = solution.residuals[r][rows]
-            found = estimate_autocorrelation(residual)
-            score_covariance, nuisance = (
-                found.quadratic(jacobians[r][rows]),
-                float(np.trace(found.quadratic(record.basis[rows]))),
-            )
-            parameters = float(np.sum(inverse_hessian * score_covariance)) + nuisance
-            made.append(
-                _Channel(r, found, float(residual @ residual), int(present.sum()), score_covariance, parameters)
-            )
+    for record, whole, jacobian in zip(solution.problem.dataset.records, solution.residuals, jacobians, strict=True):
+        count = len(record.measured)
+        residual = whole[:count]
+        found = estimate_autocorrelation(residual)
+        score_covariance = found.quadratic(jacobian[:count])
+        nuisance = float(np.trace(found.quadratic(record.basis[:count])))
+        parameters = float(np.sum(inverse_hessian * score_covariance)) + nuisance
+        made.append(_Part(found, float(residual @ residual), int(record.present.sum()), score_covariance, parameters))
     return made
 
 
