@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexdesign.diagnosis.calibration import calibrate, evaluate_design
-from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset

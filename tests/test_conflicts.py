@@ -17,7 +17,7 @@ from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflic
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import AxisModel
-from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.noise.whitening import White

@@ -45,6 +45,7 @@ from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import (
     CALIBRATION,
     MINIMUM,
@@ -53,7 +54,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     Effort,
 )
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
+from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from flexdesign.diagnosis import calibration
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, SMALL_REDUCTION, linearise
-from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import fitted_model as stands
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import (

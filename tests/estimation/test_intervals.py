@@ -11,9 +11,10 @@ import pytest
 from scipy.stats import norm
 
 from flexdesign.core.model import Observation
+from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
+from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import ColouredNoise, White, Whitening
 from flexdesign.estimation.uncertainty.covariance import uncertainty

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import (
     FOLLOWING,
     FULL,
@@ -26,7 +27,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     solve,
 )
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates, value
-from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
+from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.toys import Array, Run, Toy, parameter
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Model
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort
 from flexdesign.estimation.least_squares.local_minima import OTHER_MINIMUM, grid_initial_states
-from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,

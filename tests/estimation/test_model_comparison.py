@@ -15,8 +15,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from flexdesign.estimation.criterion import LEVEL, SHARE, explained_share, large_share
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
-from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import (

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
+from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.model_selection.score_test import (
     INDEPENDENT_SHARE,
     LARGEST_EXTRAPOLATION,

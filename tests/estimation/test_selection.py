@@ -12,8 +12,8 @@ import pytest
 
 from flexdesign.diagnosis.calibration import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
-from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import stepwise_selection
 from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable, replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Observation
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION
-from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.sparse_residual_model import MOST_TERMS, cost_of_terms, sparse_model

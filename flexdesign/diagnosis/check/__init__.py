@@ -7,7 +7,6 @@ would mislead a fit; `timing` for what happens between samples; `tables` for wha
 
 from flexdesign.diagnosis.check.checking import Channel, Check, Recorded, check
 from flexdesign.diagnosis.check.coverage import Coverage
-from flexdesign.diagnosis.check.suspicion import Suspicion
-from flexdesign.diagnosis.check.tables import TableFacts, facts, is_table
+from flexdesign.diagnosis.check.tables import facts, is_table
 
-__all__ = ["Channel", "Check", "Coverage", "Recorded", "Suspicion", "TableFacts", "check", "facts", "is_table"]
+__all__ = ["Channel", "Check", "Coverage", "Recorded", "check", "facts", "is_table"]

@@ -1,33 +1,17 @@
 """The bench: command files within an axis' limits, effect signatures, and which distinguish two effects."""
 
 from flexdesign.diagnosis.experiment_design.commands import Command
-from flexdesign.diagnosis.experiment_design.discrimination import (
-    ASSUMED_NOISE,
-    Resolved,
-    Separation,
-    required_experiments,
-    resolve_effects,
-)
+from flexdesign.diagnosis.experiment_design.discrimination import Resolved, resolve_effects
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, on, reading
 from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
-from flexdesign.diagnosis.experiment_design.limits import (
-    Limits,
-    StatedLimits,
-    axis,
-    dynamics,
-    of_axis,
-    require_slew_limit,
-)
-from flexdesign.diagnosis.experiment_design.signature import EffectResponse, Signature, signature_of
+from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits, axis, dynamics, of_axis
+from flexdesign.diagnosis.experiment_design.signature import Signature, signature_of
 
 __all__ = [
-    "ASSUMED_NOISE",
     "Command",
     "EffectAtStrength",
-    "EffectResponse",
     "Limits",
     "Resolved",
-    "Separation",
     "Signature",
     "StatedLimits",
     "axis",
@@ -36,8 +20,6 @@ __all__ = [
     "on",
     "other_excitations",
     "reading",
-    "require_slew_limit",
-    "required_experiments",
     "resolve_effects",
     "signature_of",
     "suite_of",

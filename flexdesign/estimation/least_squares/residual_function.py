@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.dataset import Dataset, Record, Shapes
+from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, value
-
-__all__ = ["Dataset", "JacobianBlock", "Problem", "Record", "Shapes"]
 
 Array = NDArray[np.float64]
 #: Applies a function to each item of a list, over threads perhaps.

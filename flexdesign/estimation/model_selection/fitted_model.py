@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.criterion import HALF_WIDTH, is_undetermined
+from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
-from flexdesign.estimation.least_squares.residual_function import Dataset, Record
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
