@@ -18,7 +18,7 @@ from flexdesign.core.model.effect import (
 from flexdesign.core.model.formulas import Formulas
 from flexdesign.core.model.linkage import Linkage, Member, Root
 from flexdesign.core.model.notch import Notch
-from flexdesign.core.model.observation import Model, Observation
+from flexdesign.core.model.observation import Model, Observation, parameter_of
 from flexdesign.core.model.parameter import Parameter
 from flexdesign.core.model.quantity import Quantity, by_key, output_boundary
 
@@ -47,4 +47,5 @@ __all__ = [
     "Term",
     "by_key",
     "output_boundary",
+    "parameter_of",
 ]

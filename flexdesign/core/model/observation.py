@@ -38,3 +38,8 @@ class Model(Protocol):
 
     def predict(self, observation: Observation) -> Any:
         """Return what the model expects to be measured, shaped as ``observation.measured()``."""
+
+
+def parameter_of(model: Model, name: str) -> Parameter:
+    """Return a parameter of a model by its name."""
+    return next(parameter for parameter in model.parameters() if parameter.name == name)

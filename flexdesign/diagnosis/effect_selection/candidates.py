@@ -5,14 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance
+from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance, parameter_of
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, frequency_scale, of_catalogue
@@ -26,8 +27,6 @@ Array = NDArray[np.float64]
 NAMED_BY_CALIBRATION = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass distinguishes from the others.
 SHOWN_BY_MASS = "payload_mass"
-#: A delay of the sensor.
-LATE_SENSOR = "sensor_delay"
 #: Forces of inertia: they show where a mode does, and in runs that show none they represent something else.
 INERTIAL_EFFECTS = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
@@ -41,43 +40,12 @@ FREQUENCIES_IN_BAND, DELAYS_IN_CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 MOST_TRIALS = 48
 
 
-@dataclass(frozen=True)
-class Adder:
-    """Adds an effect to a model.
-
-    Parameters
-    ----------
-    effect, name
-        The effect, and the name under which `flexdesign.effects.find` has it.
-    """
-
-    effect: Effect
-    name: str
-
-    def __call__(self, model: Model) -> Model:
-        """Return the model with the effect."""
-        return cast(AxisDynamics, model).with_effect(self.effect, self.name)
-
-
-@dataclass(frozen=True)
-class Line:
-    """The line of a periodic effect in a run: cosine and sine at its frequency.
-
-    Parameters
-    ----------
-    frequency
-        Name of the number that is its frequency.
-    """
-
-    frequency: str
-
-    def __call__(self, model: Model, observation: Observation) -> Array | None:
-        """Return both as columns, n by 2; None for a frequency response, which has no time."""
-        if not isinstance(observation, Run):
-            return None
-        frequency = next(p.start for p in model.parameters() if p.name == self.frequency)
-        angle = 2 * math.pi * (frequency or 0.0) * (observation.time - observation.time[0])
-        return np.column_stack([np.cos(angle), np.sin(angle)])
+def _line(frequency: str, model: Model, observation: Observation) -> Array | None:
+    """Return cosine and sine at a frequency, by its name, n by 2; None for a frequency response, which has no time."""
+    if not isinstance(observation, Run):
+        return None
+    angle = 2 * math.pi * (parameter_of(model, frequency).start or 0.0) * (observation.time - observation.time[0])
+    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def candidates(
@@ -120,7 +88,9 @@ def candidates(
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effects.find(name))):
             continue
-        if name == LATE_SENSOR and not at_stack:  # elsewhere no recording distinguishes it from a delay of the command
+        if (
+            name == "sensor_delay" and not at_stack
+        ):  # elsewhere no recording distinguishes it from a delay of the command
             continue
         if band is not None and not spectrum.shows(effects.find(name)):
             continue
@@ -181,7 +151,7 @@ def candidate_of(
     is_mode = band is not None and any(isinstance(face, Resonance) for face in effect.faces)
     return Candidate(
         name=name,
-        add=Adder(effect, name),
+        add=lambda of: cast(AxisDynamics, of).with_effect(effect, name),
         strength=strength.name,
         free=free,
         trials=_trials(own, lines if phase or is_mode else ()),
@@ -189,7 +159,7 @@ def candidate_of(
         signed=strength.plausible[0] < 0,
         has_own_trials=bool(strength.screen),
         like=effect.confused_with,
-        trace=Line(frequency) if phase and frequency else None,
+        trace=partial(_line, frequency) if phase and frequency else None,
     )
 
 

@@ -23,7 +23,7 @@ from scipy.special import chdtri
 
 from flexdesign import effects
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Disturbance, Model, Parameter
+from flexdesign.core.model import Disturbance, Model, parameter_of
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, explained_share
@@ -75,7 +75,8 @@ def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
     runs, tested = _runs(task, fit), _varying(fit)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
-        score = _score_of(fit, effect.strength, runs)
+        common = parameter_of(fit.model, effect.strength).start or 0.0
+        score = _score(fit, fit.solution.columns()[effect.strength], runs, common)
         if score.predicted_gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
             made = _fit(task, fit, fit.model, fit.effects, effect.strength, score)
             if made is not None and _is_needed(task, fit, made, effect.strength, level):
@@ -110,7 +111,7 @@ def _varying(fit: FittedModel) -> list[Candidate]:
     """Return the effects whose strength may differ from run to run: one that adds up, and that no run has already."""
     found = []
     for effect in (effect for effect in fit.effects if not effect.has_own_trials):
-        parameter = _parameter(fit.model, effect.strength)
+        parameter = parameter_of(fit.model, effect.strength)
         if parameter.scale == "linear" and not parameter.twin:
             found.append(effect)
     return found
@@ -122,10 +123,6 @@ def _adds(candidate: Candidate) -> bool:
     return (
         bool(faces) and all(isinstance(face, Disturbance) for face in faces) and candidate.free == (candidate.strength,)
     )
-
-
-def _parameter(model: Model, name: str) -> Parameter:
-    return next(parameter for parameter in model.parameters() if parameter.name == name)
 
 
 def _runs(task: EstimationTask, fit: FittedModel) -> list[str]:
@@ -167,10 +164,6 @@ def _score(fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str
     return _Score(-float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True)))
 
 
-def _score_of(fit: FittedModel, name: str, runs: Sequence[str]) -> _Score:
-    return _score(fit, fit.solution.columns()[name], runs, _parameter(fit.model, name).start or 0.0)
-
-
 def _with(
     task: EstimationTask, fit: FittedModel, candidate: Candidate, runs: Sequence[str], level: float
 ) -> FittedModel | None:
@@ -198,7 +191,7 @@ def _fit(
     values = np.array(list(score.values.values()))
     mean, size = float(values.mean()), float(np.sqrt(np.mean(values**2)))
     model = cast(AxisDynamics, model)
-    low, high = _parameter(model, name).plausible
+    low, high = parameter_of(model, name).plausible
     start = {f"{run}:{name}": value - mean for run, value in score.values.items()}
     varied = replace(model.replace({name: min(max(mean, low), high)}), by_run={**model.by_run, name: size})
     return fit_model(task, varied.replace(start), together)
@@ -291,7 +284,7 @@ def _by_run(fit: FittedModel, solutions: Sequence[Solution], name: str) -> ByRun
 
 def _value(fit: FittedModel, solution: Solution, name: str, weights: Mapping[str, float]) -> Value:
     """Return a number plus weighted deviations from it; the number itself may be one of the fit or as it is."""
-    where, parameter = solution.problem.where, _parameter(fit.model, name)
+    where, parameter = solution.problem.where, parameter_of(fit.model, name)
     weights = {**weights, **({name: 1.0} if name in where.names else {})}
     contrast = np.array([weights.get(each, 0.0) for each in where.names])
     value = float(contrast @ solution.x) + (0.0 if name in weights else float(parameter.start or 0.0))

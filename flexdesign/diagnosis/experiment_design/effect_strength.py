@@ -11,7 +11,7 @@ import numpy as np
 
 from flexdesign import effects
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Block, Effect, Parameter, Socket, Term
+from flexdesign.core.model import Block, Effect, Parameter, Socket, Term, parameter_of
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
@@ -126,7 +126,7 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
         return EffectAtStrength(name, without, without.with_effect(effect, name), known, key)
     without = _fresh(model, _without_effect(model.axis, effect, name))
     added, key = without.with_effect(effect, name), f"{name}.{own.name}"
-    return EffectAtStrength(name, without, added, next(p for p in added.parameters() if p.name == key), key)
+    return EffectAtStrength(name, without, added, parameter_of(added, key), key)
 
 
 def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:

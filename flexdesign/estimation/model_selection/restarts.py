@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import SHARE
 from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH, Solution
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -62,7 +63,7 @@ def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | Non
         model, cost = fit.model, fit.cost
     for factor in THRESHOLD_FACTORS:
         for doublings in range(MOST_DOUBLINGS):
-            start = next(p.start for p in model.parameters() if p.name == name) or 0.0
+            start = parameter_of(model, name).start or 0.0
             elsewhere = model.replace({name: factor**2**doublings * start})
             rough = solve_case(task, elsewhere, fit.effects, effort=ROUGH)
             if rough is None or rough.cost >= cost - fit.discrepancy:

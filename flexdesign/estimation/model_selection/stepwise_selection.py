@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
@@ -114,20 +115,6 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
     best = entries[:ROUGH_FITS]
     scores = sorted((e for e in entries if e.start.origin is fit), key=lambda e: -e.start.predicted_reduction)
     return _best_by_names(task.each(roughly, [*best, *(e for e in scores[:ROUGH_FITS_BY_SCORE] if e not in best)]))
-
-
-def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
-    """Carry one rough fit to convergence, and compare it with the fit without the addition; None where that fails.
-
-    Parameters
-    ----------
-    task, fit
-        As in `forward`.
-    entry, score
-        A fit as `fit_roughly` returns it, and the critical value as `screen` does.
-    """
-    found = _trials(task, fit, [entry], score)
-    return found[0] if found else None
 
 
 def forward(
@@ -231,8 +218,7 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
         model = direction.candidate.add(model)
         values |= direction.start
         strength = direction.candidate.strength
-        scale = next(p.scale for p in model.parameters() if p.name == strength)
-        if scale == "linear" and not direction.candidate.has_own_trials:
+        if parameter_of(model, strength).scale == "linear" and not direction.candidate.has_own_trials:
             old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
@@ -245,12 +231,21 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
 
 
 def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], score: float) -> list[Trial]:
-    found = task.each(lambda entry: _trial(task, fit, entry, score), entries)
+    found = task.each(lambda entry: finish(task, fit, entry, score), entries)
     return [trial for trial in found if trial is not None]
 
 
-def _trial(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
-    """Return the comparison of a fit carried to its end, with runs in the initial states that suit it best."""
+def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
+    """Return the comparison of a fit carried to its end; None where it cannot be simulated.
+
+    Parameters
+    ----------
+    task, fit
+        As in `forward`.
+    entry, score
+        A fit as `fit_roughly` returns it, whose runs then begin where it fits best; and the critical value as `screen`
+        does.
+    """
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
     model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
@@ -347,7 +342,8 @@ def select(
             if made is None:
                 steps[-1] = replace(steps[-1], chosen=None)
             elif len(made.effects) > 1:
-                steps, made = _replace(task, steps, made)
+                steps, other = replace_effects(task, made, steps)
+                made = made if other is made else backward(task, other, other.names)
             made = None if made is None else leave_out_worst(task, made)
         if made is None:
             made = vary(fit)
@@ -370,12 +366,6 @@ def _with_step(task: EstimationTask, fit: FittedModel, step: Step) -> FittedMode
     doubtful = fit.names if len(step.chosen.names) == 1 else step.chosen.fit.names
     made = backward(task, step.chosen.fit, doubtful)
     return None if {*made.names} == {*fit.names} else made  # what was added made itself superfluous
-
-
-def _replace(task: EstimationTask, steps: list[Step], fit: FittedModel) -> tuple[list[Step], FittedModel]:
-    """Return a fit whose effects are the best of what was accepted at their steps, and the steps that chose so."""
-    changed, made = replace_effects(task, fit, steps)
-    return changed, fit if made is fit else backward(task, made, made.names)
 
 
 def _without_imitations(task: EstimationTask, steps: Sequence[Step], fits: list[FittedModel]) -> list[FittedModel]:
