@@ -180,7 +180,11 @@ def test_a_gain_that_an_added_effect_makes_up_for_is_no_conflict(
     problem = SimpleNamespace(where=where)
     solution = SimpleNamespace(problem=problem, x=np.array([*own.values()]), covariance=np.diag([1e-6, 1e-18]))
     fit: Any = SimpleNamespace(
-        model=AxisDynamics("x", axis), solution=solution, discrepancy=1.0, names=(name,) if added else ()
+        model=AxisDynamics("x", axis),
+        solution=solution,
+        discrepancy=1.0,
+        names=(name,) if added else (),
+        half_width=lambda j: 1.96 * math.sqrt(solution.covariance[j, j]),
     )
     about: Any = SimpleNamespace(
         known={"gain": (1e-6, 0.1e-6)}, axis=design, is_loaded=False, is_at_stack=False, coarse_step=None

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from flexdesign import effects
-from flexdesign.core.model import Parameter
+from flexdesign.core.model import Parameter, parameter_of
 from flexdesign.diagnosis.effect_selection.candidates import SHOWN_BY_MASS
 from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -68,7 +68,7 @@ class Conflict:
 
 def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
     """Return the numbers that moved beyond their prior."""
-    where, covariance = fit.solution.problem.where, fit.solution.covariance
+    where = fit.solution.problem.where
     values, found = where.values(fit.solution.x), []
     small = _of_small_motions(fit, values)
     free = {name: about for name, about in data.known.items() if name in where.names}
@@ -81,17 +81,16 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
             found.append(Conflict(_structural(ratio), (), None, lambda model: model, name))
             continue
-        spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * fit.discrepancy, 0.0))
-        x = float(fit.solution.x[j])
+        x, half = float(fit.solution.x[j]), fit.half_width(j)
         # What it was before is known no better than that, whatever the runs say of what it is now.
-        deviations = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - spread, x + spread)]
+        deviations = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - half, x + half)]
         wide = math.hypot(max(deviations), HALF_WIDTH * sigma / abs(middle) * ratio)
         ends = [ratio - wide, ratio + wide]
         if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
             found.append(Conflict(words, (), None, lambda model: model, name))
         elif name == "natural_frequency" and far < 0:
-            found.append(_frequency_shift(data, words, ratio, sorted(ends), is_stiffness=_follows(data, values, ratio)))
-        elif name == "gain" and _follows(data, values, _ratio(data, values)):
+            found.append(_frequency_shift(data, words, ratio, sorted(ends), is_stiffness=_follows(data, values)))
+        elif name == "gain" and _follows(data, values):
             continue  # the softer support moved the gain as well
         elif name == "gain":
             found.append(_gain_shift(data, words, ratio, sorted(ends)))
@@ -147,19 +146,15 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 
-def _ratio(data: DiagnosisData, values: Mapping[str, float]) -> float:
-    """Return the natural frequency over that of the design."""
-    return values.get("natural_frequency", data.axis.natural_frequency) / data.axis.natural_frequency
-
-
-def _follows(data: DiagnosisData, values: Mapping[str, float], ratio: float) -> bool:
-    """Tell whether the gain rose as it does with a stiffness that lowers the natural frequency to this ratio.
+def _follows(data: DiagnosisData, values: Mapping[str, float]) -> bool:
+    """Tell whether the gain rose as it does with a stiffness that lowers the natural frequency as far as it fell.
 
     Only a gain beyond its prior speaks for that: k falls with the frequency's square, and x = F / k grows.
     """
     known = data.known
     if not {"gain", "natural_frequency"} <= known.keys():
         return False
+    ratio = values.get("natural_frequency", data.axis.natural_frequency) / data.axis.natural_frequency
     if ratio > 1 - CONFLICT * known["natural_frequency"][1] / known["natural_frequency"][0]:
         return False
     middle, sigma = known["gain"]
@@ -228,7 +223,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
     # Behind the stack only the sensor can be late.
     effect, number = ("sensor_delay", SENSOR_DELAY) if data.is_at_stack else ("transport_delay", DELAY)
-    parameter = next(p for p in fit.model.parameters() if p.name == number)
+    parameter = parameter_of(fit.model, number)
     total = (parameter.start or 0.0) + mean
     interval = (total - half, total + half)
     if mean <= half:
@@ -243,7 +238,8 @@ def _quantisation(data: DiagnosisData) -> Conflict | None:
     if step is None:
         return None
     p = effects.find("quantisation").parameters[0]
-    error = quantisation_noise.GRID_TOLERANCE * step / max(_levels(data), 1)
+    readings = np.concatenate([run.measured() for run in data.runs])
+    error = quantisation_noise.GRID_TOLERANCE * step / len(np.unique(readings[np.isfinite(readings)]))
     rms = step / math.sqrt(12)
     is_irrelevant = data.is_asked and rms < data.tolerance
     named = IdentifiedEffect("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
@@ -253,12 +249,6 @@ def _quantisation(data: DiagnosisData) -> Conflict | None:
 
     words = "readings come in whole steps"
     return Conflict(words, ("quantisation",), None if is_irrelevant else named, written, rms=rms)
-
-
-def _levels(data: DiagnosisData) -> int:
-    """Return the number of levels that readings take."""
-    seen = np.concatenate([run.measured() for run in data.runs])
-    return len(np.unique(seen[np.isfinite(seen)]))
 
 
 def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDynamics:
