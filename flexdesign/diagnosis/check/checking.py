@@ -138,7 +138,10 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     responses = [each for each in recordings if isinstance(each, FrequencyResponse)]
     parts = split(runs, test=True) if runs else ()
     suspicions = suspicion.of_runs(parts)
-    floors = {axis: _noise(runs, axis) for axis in dict.fromkeys(axis for run in runs for axis in run.responses)}
+    floors = {
+        axis: noise_floor([run for run in runs if axis in run.columns], axis, settling_time=SETTLING_TIME)
+        for axis in dict.fromkeys(axis for run in runs for axis in run.responses)
+    }
     for axis, noise_rms in floors.items():
         suspicions += suspicion.of_noise(axis, noise_rms)
     for response in responses:
@@ -159,10 +162,6 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
         tuple(tables),
         tuple(recordings),
     )
-
-
-def _noise(runs: Sequence[Run], axis: str) -> NoiseFloor:
-    return noise_floor([run for run in runs if axis in run.columns], axis, settling_time=SETTLING_TIME)
 
 
 def _recorded_run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:

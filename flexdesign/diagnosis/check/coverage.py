@@ -1,6 +1,6 @@
 """Which kinds of experiment recordings are, and which effects of the catalogue these can reveal.
 
-The kinds are those of `experiment_design.signature.WORDS`, by which the catalogue says what reveals an effect.
+The kinds are those of `experiment_design.signature.KIND_WORDS`, by which the catalogue says what reveals an effect.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.diagnosis.experiment_design.signature import KIND_WORDS, names_kind
+from flexdesign.estimation.noise.whitening import stretches
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
-#: A command stands still where it moves by less than this share of its span; a step moves by more than that share.
+#: A command stands still where it moves by less than this share of its span, and equals another that differs by less; a
+#: step moves by more than that share.
 STILL_CHANGE, STEP_CHANGE = 1e-3, 0.02
 #: Number of quiet samples; time [s] held after a step: a decade of creep.
 QUIET_SAMPLES, STEP_HOLD = 100, 10.0
 #: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
 BROAD_OCTAVES, LINE_LEVEL = 2.0, 5e-3
-#: Least number of samples of a rise or a fall.
+#: Least number of samples of a rise, a fall or a rest.
 STROKE_SAMPLES = 10
 #: Levels at which a staircase rests; rises and falls of a slow command.
 STAIRCASE_LEVELS, LOOP_TURNS = 4, 3
@@ -120,7 +122,7 @@ def _of_command(values: Array, period: float) -> set[str]:
         found.add("steps")
         if max(lengths) * period >= STEP_HOLD:
             found.add("hold")
-    if _octaves(values) >= BROAD_OCTAVES and not lengths_cover(lengths, len(values)):
+    if _octaves(values) >= BROAD_OCTAVES and sum(lengths) <= 0.5 * len(values):  # no rests over most of it
         found.add("multisine")
     levels = {round(float(np.mean(values[first:last])) / span, 2) for first, last in rests}
     if len(levels) >= STAIRCASE_LEVELS:
@@ -138,16 +140,10 @@ def _strokes(values: Array) -> int:
     return sum(abs(values[b] - values[a]) > STEP_CHANGE * np.ptp(values) for a, b in steps)
 
 
-def lengths_cover(lengths: Sequence[int], count: int) -> bool:
-    """Tell whether rests take most of a record."""
-    return sum(lengths) > 0.5 * count
-
-
 def resting(values: Array) -> list[tuple[int, int]]:
-    """Return first and one past the last sample of each stretch of ten samples or more in which a command rests."""
+    """Return first and one past the last sample of each stretch of some samples in which a command rests."""
     still = np.abs(np.diff(values)) <= STILL_CHANGE * float(np.ptp(values))
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    return [(int(a), int(b) + 1) for a, b in ends.reshape(-1, 2) if b - a >= 10]
+    return [(first, last + 1) for first, last in stretches(still) if last - first >= STROKE_SAMPLES]
 
 
 def _octaves(values: Array) -> float:

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.diagnosis.check.coverage import STILL_CHANGE
 from flexdesign.diagnosis.check.timing import timing_of
+from flexdesign.estimation.noise.whitening import stretches
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.run import commanded_by
 
 Array = NDArray[np.float64]
-#: Commands that differ by less than this share of their span are equal.
-EQUAL_COMMANDS = 1e-3
 #: A command is clipped if it stands at an end of its range in this number of separate stretches, and this share of the
 #: record.
 CLIPPED_STRETCHES, CLIPPED_SHARE = 3, 0.02
@@ -52,7 +52,7 @@ def of_runs(runs: Sequence[Run]) -> list[Suspicion]:
     """Return what is suspicious of runs, once roles are given: see `splitting.split`."""
     remarks = dict.fromkeys((run.name.partition(":")[0], remark) for run in runs for remark in run.remarks)
     found = [
-        Suspicion(name, remark, _REMEDIES.get(_about(remark), ""))
+        Suspicion(name, remark, next((remedy for word, remedy in _REMEDIES.items() if word in remark), ""))
         for name, remark in remarks
         if "blocks of one record" not in remark
     ]
@@ -63,10 +63,6 @@ def of_runs(runs: Sequence[Run]) -> list[Suspicion]:
         for response in run.responses:
             found += _of_response(name, run, response)
     return found
-
-
-def _about(remark: str) -> str:
-    return next((word for word in _REMEDIES if word in remark), "")
 
 
 #: What to do about a remark of a reader, by a word in it.
@@ -106,7 +102,7 @@ def _same(one: Run, other: Run) -> bool:
     if not any(spans):
         return False
     return all(
-        float(np.abs(one.columns[name][:count] - other.columns[name][:count]).max()) <= EQUAL_COMMANDS * span
+        float(np.abs(one.columns[name][:count] - other.columns[name][:count]).max()) <= STILL_CHANGE * span
         for name, span in zip(one.commands, spans, strict=True)
     )
 
@@ -139,24 +135,18 @@ def held_for(values: Array) -> int:
     places = np.flatnonzero(np.diff(values) != 0) + 1
     if len(places) < HELD_CHANGES:
         return 1
-    steps = np.diff(places)
-    every = int(np.gcd.reduce(steps))
-    return (
-        every
-        if 1 < every <= LONGEST_HOLD and len(places) >= HELD_CHANGES and len(places) * every > 0.5 * len(values)
-        else 1
-    )
+    every = int(np.gcd.reduce(np.diff(places)))
+    return every if 1 < every <= LONGEST_HOLD and len(places) * every > 0.5 * len(values) else 1
 
 
 def _is_clipped(values: Array, end: float) -> bool:
     """Tell whether a smooth command rests at one end in several stretches, and nowhere else as long."""
     near = 1e-9 * float(np.ptp(values))
     at_end = np.abs(values - end) <= near
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], at_end, [False]]).astype(int))).reshape(-1, 2)
-    long = [b - a for a, b in ends if b - a >= 3]
+    long = [last - first for first, last in stretches(at_end) if last - first >= 3]
     rests = np.diff(values) == 0
     between = (values > values.min() + near) & (values < values.max() - near)
-    elsewhere = np.count_nonzero(rests & between[1:])
+    elsewhere = int(np.count_nonzero(rests & between[1:]))
     return len(long) >= CLIPPED_STRETCHES and sum(long) > CLIPPED_SHARE * len(values) and elsewhere < 0.2 * sum(long)
 
 

@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 MODEL_ORDERS, MOST_ROWS = (4, 8, 16), 20_000
 #: A weight counts if it is this number of standard errors from zero.
 CLEAR_DEVIATIONS = 6.0
-#: A weight below this share of the largest is none; one of a sample still to come is above that share; and the error of
-#: one that is none is below that.
-ZERO_WEIGHT, NONCAUSAL_WEIGHT, WEIGHT_ERROR = 0.02, 0.1, 0.1
+#: A weight below this share of the largest is none; one of a sample still to come is above that share, as the error of
+#: one that is none is below it.
+ZERO_WEIGHT, NONCAUSAL_WEIGHT = 0.02, 0.1
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
     if clear[0] and abs(sent_weights[0]) > NONCAUSAL_WEIGHT * largest:
         return Timing(True, None)
     if not large[1] and large[2]:
-        return Timing(False, True if CLEAR_DEVIATIONS * sent_errors[1] < WEIGHT_ERROR * largest else None)
+        return Timing(False, True if CLEAR_DEVIATIONS * sent_errors[1] < NONCAUSAL_WEIGHT * largest else None)
     return Timing(False, False if large[1] else None)
 
 

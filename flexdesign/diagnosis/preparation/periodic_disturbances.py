@@ -13,6 +13,7 @@ import numpy as np
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.restricted_likelihood import Stretch
 from flexdesign.estimation.noise.sinusoids import remove_sinusoids
+from flexdesign.estimation.noise.whitening import stretches
 
 if TYPE_CHECKING:
     from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -40,9 +41,9 @@ def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     found = set(seen)
     for period in sorted(set(periods.values())):
         parts = [_longest(name, fit.residuals_by_run[name]) for name, own in periods.items() if own == period]
-        stretches = [part for part in parts if len(part.values) >= FEWEST_SAMPLES and np.ptp(part.values) > 0]
-        if stretches:
-            found |= {line.frequency for line in remove_sinusoids(stretches, period)[0]}
+        long = [part for part in parts if len(part.values) >= FEWEST_SAMPLES and np.ptp(part.values) > 0]
+        if long:
+            found |= {line.frequency for line in remove_sinusoids(long, period)[0]}
     return tuple(sorted(found))
 
 
@@ -67,11 +68,7 @@ def peaks(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
 
 def _longest(name: str, remainder: np.ndarray) -> Stretch:
     """Return the longest part of a remainder without gaps, which may drift."""
-    present = np.concatenate([[False], np.isfinite(remainder), [False]])
-    begins, ends = np.flatnonzero(np.diff(present.astype(int)) == 1), np.flatnonzero(np.diff(present.astype(int)) == -1)
-    if not len(begins):
-        return Stretch(name, 0, np.zeros(0), np.zeros((0, 2)))
-    longest = int(np.argmax(ends - begins))
-    first, count = int(begins[longest]), int(ends[longest] - begins[longest])
-    straight = np.column_stack([np.ones(count), np.linspace(-1, 1, count)])
-    return Stretch(name, first, remainder[first : first + count], np.linalg.qr(straight)[0])
+    present = stretches(np.isfinite(remainder))
+    first, last = max(present, key=lambda stretch: stretch[1] - stretch[0], default=(0, 0))
+    straight = np.column_stack([np.ones(last - first), np.linspace(-1, 1, last - first)])
+    return Stretch(name, first, remainder[first:last], np.linalg.qr(straight)[0])
