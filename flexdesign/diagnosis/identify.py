@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from flexdesign import effects, estimation
 from flexdesign.core import units
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import parameter_of
 from flexdesign.diagnosis.comparison.compare import RunComparison, compare_run
 from flexdesign.dynamics.axis.axis_choice import choose_axis, require_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -26,13 +27,11 @@ from flexdesign.dynamics.axis.axis_parameters import DELAY, HYSTERESIS_PARAMETER
 from flexdesign.dynamics.axis.axis_run import doubts, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation import Estimate, Fit, Starts
+from flexdesign.estimation.criterion import WORSE
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
-#: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
-#: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
-CONTRADICTION = 1.02
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ class _Search:
         others = [estimate.name for estimate in best.estimates if estimate.name != name]
         dynamics = self.dynamics
         for which, model in {"old": self.start, "best": dynamics}.items():
-            value = _present(model, name)
+            value = parameter_of(model, name).start or 0.0  # what the model does not say is as in the catalogue
             self.dynamics = dynamics.replace({name: value})
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
@@ -244,7 +243,7 @@ class _Search:
                 if found
                 else [compare_run(self.dynamics, run, 1.0).rms for run in self.runs]
             )
-            if all(r <= CONTRADICTION * m.rms for r, m in zip(rms, best.matches, strict=True)):
+            if all(r <= WORSE * m.rms for r, m in zip(rms, best.matches, strict=True)):
                 break
         return found
 
@@ -269,11 +268,6 @@ class _Search:
         self.dynamics = found.model
         self.evaluations += found.evaluations
         return found
-
-
-def _present(dynamics: AxisDynamics, name: str) -> float:
-    """Return the value of a parameter; what the model does not say is as in the catalogue."""
-    return next(p.start or 0.0 for p in dynamics.parameters() if p.name == name)
 
 
 def _in_a_loop(run: Run, axis: str) -> tuple[str, ...]:

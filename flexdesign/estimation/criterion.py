@@ -40,7 +40,9 @@ SHARE_OF_RANGE = 0.5
 LARGE = 2.0
 #: Smooth functions are the better explanation if they leave no more than this share of what effects leave, in squares.
 BETTER = 0.5
-#: Calibration is refused if it makes the validation error larger by this factor, and chi^2 by more than chance does.
+#: Calibration is refused if it makes the validation error larger by this factor, and chi^2 by more than chance does; an
+#: old value contradicts the runs if it makes their residual larger by it. The rms of a thousand samples scatters less,
+#: 1 / sqrt(2 * 1250).
 WORSE = 1.02
 
 

@@ -189,7 +189,7 @@ def test_two_models_differ_by_what_no_offset_takes_away() -> None:
     there = model.replace({"p": 0.3, "offset": 5.0, "kept:late": 1.0})
     parts = [0.3 * (column(record.observation, "p")) for record in about.validate.records]
     spread = math.sqrt(np.mean([np.var(part) for part in parts]))
-    assert stands.difference(about.validate, model, there) == pytest.approx(spread, rel=1e-9)
+    assert stands.difference(about.validate, model, there, {}) == pytest.approx(spread, rel=1e-9)
     weights = {"apart": np.full(N, 10.0)}
     weighted = 10.0 * math.sqrt(np.mean((parts[1] + 5.0) ** 2))
     assert stands.difference(about.validate, model, there, weights) == pytest.approx(weighted, rel=1e-9)

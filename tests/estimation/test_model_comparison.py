@@ -163,7 +163,7 @@ def test_an_effect_that_only_helps_a_fit_that_is_caught_is_refused() -> None:
     assert step.chosen is None and step.trials
     best = max(step.trials, key=lambda trial: trial.gain)
     assert best.gain > 100 * best.critical_gain
-    assert difference(about.validate, caught.model, best.fit.model) > 0.05
+    assert difference(about.validate, caught.model, best.fit.model, {}) > 0.05
     assert best.reason == "itself moves the prediction by less than the tolerance" and not best.is_small
 
 
@@ -181,7 +181,7 @@ def test_a_change_of_the_prediction_that_is_no_improvement_is_not_relevant() -> 
     before = calibrated_stand(about)
     alone = forward(about, before, [louder])
     (trial,) = alone.trials
-    assert difference(about.validate, before.model, trial.fit.model) > tolerance
+    assert difference(about.validate, before.model, trial.fit.model, {}) > tolerance
     assert alone.chosen is None and trial.reason == "moves the prediction by less than the tolerance" and trial.is_small
 
 

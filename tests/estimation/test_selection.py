@@ -90,7 +90,7 @@ def test_gains_are_falls_of_the_cost() -> None:
     # Six numbers were fitted elsewhere, two offsets and two own ones here; chi-squared to four standard errors.
     assert abs(step.chosen.fit.validation_chi2 - kept) < 4 * math.sqrt(2 * kept) + 10
     assert before.validation_chi2 - step.chosen.fit.validation_chi2 == pytest.approx(0.3**2 / SIGMA**2 * kept, rel=0.3)
-    assert difference(about.validate, before.model, step.chosen.fit.model) == pytest.approx(0.3, rel=0.2)
+    assert difference(about.validate, before.model, step.chosen.fit.model, {}) == pytest.approx(0.3, rel=0.2)
     assert step.chosen.error == pytest.approx(SIGMA, rel=0.3)
 
 

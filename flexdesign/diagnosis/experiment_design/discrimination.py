@@ -16,8 +16,6 @@ from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStren
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
-#: On this multisine both effects look as alike as they can.
-REFERENCE_EXPERIMENT = SAME_WITH_MASS
 #: A difference of this multiple of the sensor's noise, rms, is clear in one run.
 CLEAR_DIFFERENCE = 3.0
 #: An effect changes the standard multisine's response by this share of itself at most.
@@ -120,7 +118,7 @@ def resolve_effects(
         raise InputError("command line", "--resolve", " ".join(names), "names one effect twice; name two")
     plain = on(on(model, names[0]).without, names[1]).without
     first, second = on(plain, names[0]), on(plain, names[1])
-    standard = next(command for command in experiments if command.name == REFERENCE_EXPERIMENT)
+    standard = next(command for command in experiments if command.name == SAME_WITH_MASS)
     one = _visible(first, standard, experiments)
     target = reading(first.at(one), standard)
     other = _closest_strength(second, standard, target, experiments)

@@ -21,9 +21,6 @@ from flexdesign.diagnosis.experiment_design.experiments import other_excitations
 from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
-#: The slew rate of a bench on which nothing limits how fast the voltage may change.
-NO_LIMIT = "none"
-
 
 @dataclass(frozen=True)
 class Request:
@@ -109,7 +106,7 @@ def plan_experiments(model: StageModel, request: Request, progress: Callable[[st
     asked = StatedLimits(
         None if request.volts is None else (_number("--volts", request.volts[0], "V"),
                                             _number("--volts", request.volts[1], "V")),
-        math.inf if request.slew == NO_LIMIT else _stated_value("--slew", request.slew, "V/s"),
+        math.inf if request.slew == "none" else _stated_value("--slew", request.slew, "V/s"),
         _stated_value("--current", request.current, "A"),
         _stated_value("--bandwidth", request.bandwidth, "Hz"),
         _stated_value("--rate", request.rate, "Hz"),

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.core.model import Model
-from flexdesign.estimation.criterion import HALF_WIDTH, is_undetermined
+from flexdesign.core.model import Model, parameter_of
+from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermined
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
@@ -20,8 +20,6 @@ from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
 Array = NDArray[np.float64]
-#: Standard deviations by which chi^2 may exceed that of white noise: one fit in a thousand does.
-MISFIT_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +67,7 @@ class FittedModel:
     @property
     def exceeds_noise(self) -> bool:
         """Whether chi^2 of the fitted runs is larger than white noise makes it."""
-        return self.excess > MISFIT_DEVIATIONS * math.sqrt(2.0 * self.solution.problem.dataset.samples)
+        return self.excess > CONFLICT * math.sqrt(2.0 * self.solution.problem.dataset.samples)
 
     @property
     def scale(self) -> float:
@@ -281,13 +279,12 @@ def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = fr
 # --- differences of predictions -------------------------------------------------------------------------------------
 
 
-def difference(dataset: Dataset, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
+def difference(dataset: Dataset, before: Model, after: Model, weights: Mapping[str, Array]) -> float:
     """Return by how much two models differ in their prediction of new runs, rms [response]; offsets are free.
 
     New runs begin as the old ones did, but for their trigger delay. Observations with weights (see `EstimationTask`)
     count alone: the larger difference is returned.
     """
-    weights = weights or {}
     weighted = [record for record in dataset.records if record.observation.name in weights]
     plain = [record for record in dataset.records if record.observation.name not in weights]
     return max(_rms_difference(records, before, after, weights) for records in (plain, weighted) if records)
@@ -312,7 +309,7 @@ def _rms_difference(records: Sequence[Record], before: Model, after: Model, weig
 
 def without_effect(model: Model, effect: Candidate) -> Model:
     """Return a model in which an effect does nothing, in no run; all other numbers stay."""
-    null = next(p.null for p in model.parameters() if p.name == effect.strength)
+    null = parameter_of(model, effect.strength).null
     assert null is not None  # that is what makes it the strength
     deviations = {p.name: 0.0 for p in model.parameters() if p.run and p.name.endswith(f":{effect.strength}")}
     return model.replace({effect.strength: null, **deviations})
