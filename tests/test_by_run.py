@@ -108,7 +108,7 @@ def test_the_report_has_the_value_of_each_run() -> None:
 def test_an_effect_that_is_added_may_differ_from_run_to_run() -> None:
     rates = (3.0e-7, 2.0e-7, 6.0e-7, 1.0e-7, 4.0e-7, 2.5e-7)
     runs = [run(k, rate, lambda _: np.zeros(1)) for k, rate in enumerate(rates)]
-    added = add_effect.add(MODEL, "sensor_drift", runs, threads=1)
+    added = add_effect.add(MODEL, "sensor_drift", runs)
     assert not added.reason
     assert added.values[0].value == rate_of(float(np.mean(rates[:4])), rates)
     assert added.by_run["run4"].value == rate_of(rates[4], rates)

@@ -193,12 +193,13 @@ def concluded(
     left = left or sparse_model()
     # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
     with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(FittedModel, "is_white", False):
-        verdict, named = decide(about, course, left, lambda *_: is_better_smooth)
+        verdict, named = decide(about, course, left, lambda *_: is_better_smooth, FittedModel.at_bound)
         ladder = [course.nominal, *accepted_fits(course, named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]
-        return reach_verdict(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
+        stage = StageModel({"x": about.axis})
+        return reach_verdict(stage, about, course, left, verdict, ladder, (), moved, implied, None, {})
 
 
 def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estimate, ...]:

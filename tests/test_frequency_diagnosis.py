@@ -218,7 +218,7 @@ def test_a_comparison_says_in_which_band_a_model_fails() -> None:
 
 def test_an_effect_is_added_from_a_response_alone() -> None:
     response = measured(FAST, GAIN * mode(FAST) / (1 + 1j * FAST / BANDWIDTH))
-    found = add_effect.add(MODEL, "driver_bandwidth", [response], threads=1)
+    found = add_effect.add(MODEL, "driver_bandwidth", [response])
     assert not found.reason
     assert found.model.axes["x"].driver.bandwidth == pytest.approx(BANDWIDTH, rel=5e-3)
     assert found.share == pytest.approx(1.0, abs=0.01)
@@ -227,7 +227,7 @@ def test_an_effect_is_added_from_a_response_alone() -> None:
     assert "Frequency responses" in {section.title for section in addition_report.document(found, loop).sections}
     json.dumps(to_json(addition_report.result(found, loop)), allow_nan=False)
     with pytest.raises(InputError, match="small sines"):
-        add_effect.add(MODEL, "mains_hum", [response], threads=1)
+        add_effect.add(MODEL, "mains_hum", [response])
 
 
 def test_a_bias_shows_what_bends() -> None:

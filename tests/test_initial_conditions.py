@@ -144,7 +144,7 @@ def cut(name: str, axis: AxisModel, seed: int, **more: Any) -> Run:
 
 def compared(axis: AxisModel, **more: Any) -> Comparison:
     records = [cut("one", acting(creep=CREEP), 1), cut("two", acting(creep=CREEP), 2)]
-    return initialised_comparison.compare(StageModel({"x": axis}), records, noise=NOISE, threads=1, **more)
+    return initialised_comparison.compare(StageModel({"x": axis}), records, noise=NOISE, **more)
 
 
 def test_a_right_model_is_at_the_noise_whatever_its_states_were() -> None:
@@ -174,8 +174,6 @@ def test_roles_and_order_change_nothing() -> None:
     records = [cut("one", acting(creep=CREEP), 1), cut("two", acting(creep=CREEP), 2)]
     roles = [replace(r, role=role, role_is_stated=True) for r, role in zip(records, ("test", "validate"), strict=True)]
     model = StageModel({"x": acting(creep=CREEP)})
-    plain, other = (
-        initialised_comparison.compare(model, runs, noise=NOISE, threads=1) for runs in (records, roles[::-1])
-    )
+    plain, other = (initialised_comparison.compare(model, runs, noise=NOISE) for runs in (records, roles[::-1]))
     assert {r.name: r.rms for r in other.runs} == pytest.approx({r.name: r.rms for r in plain.runs}, rel=1e-3)
     assert {r.name: r.role for r in other.runs} == {"one": "test", "two": "validate"}

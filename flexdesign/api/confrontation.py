@@ -140,7 +140,7 @@ class Confrontation:
         progress
             Receives the progress; what it raises ends the search.
         """
-        return tuple(_offer(each.name, each.share) for each in self.engine.evidence(effects, progress))
+        return tuple(_offer(name, share) for name, share in self.engine.evidence(effects, progress).items())
 
     def simulate(self, effects: Sequence[str], values: Mapping[str, float]) -> Confronted:
         """Return a fitted model with numbers set by hand; nothing is fitted anew.

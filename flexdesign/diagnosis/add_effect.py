@@ -86,7 +86,6 @@ def add(
     *,
     axis: str | None = None,
     noise: float | None = None,
-    threads: int = 2,
     progress: Callable[[str], None] = lambda _: None,
 ) -> AddedEffect:
     """Fit a stage model with one more effect, needed or not, and say whether it is.
@@ -103,8 +102,6 @@ def add(
         Which one; may be left out where model and runs leave no choice.
     noise
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
-    threads
-        Simulations at a time.
     progress
         Receives the progress as text.
 
@@ -119,7 +116,7 @@ def add(
     progress("reading the noise")
     data = prepare(model, runs, axis, None, noise)
     _check(data, name, model)
-    with estimation_setup.simulating(threads) as each:
+    with estimation_setup.simulating(2) as each:
         data = estimation_setup.choose_interpolation(model, data, each, progress)
         dynamics, task = estimation_setup.case_of(model, data, each, progress)
 

@@ -93,8 +93,8 @@ def calibrate_task(
         fit = fit_model(task, fit.model)
     if fit is not None and fit.exceeds_noise:
         fit = escape(task, fit)
-    if nominal is None or fit is None:
-        raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
+    if fit is None:
+        raise _not_simulated(dynamics)
     increase = fit.validation_chi2 - nominal.validation_chi2
     is_refused = (
         bool(task.validate.records)
@@ -102,26 +102,34 @@ def calibrate_task(
         and increase > INDISTINGUISHABLE * fit.discrepancy
     )
     if is_refused or fit.scale > GROSS_MISFIT:
-        as_designed = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
-        nominal = as_designed or nominal
+        nominal = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
     calibrated = nominal if is_refused else fit
     task = replace(task, calibrated_excess=calibrated.excess)
     return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
 
 
-def evaluate_design(task: EstimationTask, model: Model) -> FittedModel | None:
+def evaluate_design(task: EstimationTask, model: Model) -> FittedModel:
     """Return the fit of a model whose own numbers stay; only the initial conditions of the runs are fitted.
 
     Its Jacobian contains the free parameters all the same, so that a screening there knows what they can imitate.
+
+    Raises
+    ------
+    InputError
+        If the model cannot be simulated at the values it has.
     """
     task = task.prepared(task, model)
-    begun = fit_initial_states(task, task.identify, model)
-    if begun is None:
-        return None
-    here = begun.problem.at(begun.x)
-    where = task.coordinates(here, task.free, begun.problem.dataset)
-    solution = linearise(task.problem(begun.problem.dataset, here, where), where.start)
-    return None if solution is None else evaluate_fit(task, solution, ())
+    if (begun := fit_initial_states(task, task.identify, model)) is not None:
+        here = begun.problem.at(begun.x)
+        where = task.coordinates(here, task.free, begun.problem.dataset)
+        solution = linearise(task.problem(begun.problem.dataset, here, where), where.start)
+        if solution is not None and (found := evaluate_fit(task, solution, ())) is not None:
+            return found
+    raise _not_simulated(cast(AxisDynamics, model))
+
+
+def _not_simulated(model: AxisDynamics) -> InputError:
+    return InputError("model", f"axis.{model.name}", None, "cannot be simulated at the values it has")
 
 
 def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = None) -> FittedModel | None:

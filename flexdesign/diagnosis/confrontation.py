@@ -20,7 +20,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.calibration import CalibratedTask, calibrate_task, evaluate_design
-from flexdesign.diagnosis.confronted import Confronted, Evidence, settings_of
+from flexdesign.diagnosis.confronted import Confronted, settings_of
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import ErrorStep, Value
@@ -72,8 +72,6 @@ class Confrontation:
         Paths of effects in addition to those of the catalogue.
     noise
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
-    threads
-        Simulations at a time.
     progress
         Receives the progress as text.
 
@@ -91,14 +89,13 @@ class Confrontation:
         axis: str | None = None,
         more: Sequence[str] = (),
         noise: float | None = None,
-        threads: int = 2,
         progress: Progress = _silent,
     ) -> None:
         self.model, self._more, self._progress = model, list(more), progress
         self._turn = RLock()  # one fit at a time
         progress("reading the noise")
         data = prepare(model, recorded, axis, None, noise)
-        pool = ParallelMap(ThreadPoolExecutor(threads, "confrontation"), threads)
+        pool = ParallelMap(ThreadPoolExecutor(2, "confrontation"), 2)
 
         def each(function: Callable[[Of], Made], items: Iterable[Of]) -> list[Made]:
             def one(item: Of) -> Made:
@@ -112,24 +109,20 @@ class Confrontation:
             self._dynamics, self._case = estimation_setup.case_of(model, self.data, each, self._say)
             self._say("predicting with the model as it is")
             nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.PRIOR_BOUND), self._dynamics)
-        if nominal is None:
-            raise InputError("model", f"axis.{self.data.name}", None, "cannot be simulated at the values it has")
         self._nominal = predict_tests(self._case, nominal)
-        self._calibrated: CalibratedTask | None = None
         self._kept: dict[tuple[str, ...], _CachedFit] = {}
         self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
         self._entered: dict[tuple[str, ...], tuple[float, Entry | None]] = {}
         self._values: dict[tuple[str, ...], tuple[Value, ...]] = {}
         self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
-    @property
+    @cached_property
     def _calibrated_task(self) -> CalibratedTask:
         """The task with the model's own numbers fitted: when they are first needed."""
-        if self._calibrated is None:
-            begun = calibrate_task(self.data, self._case, self._dynamics)
-            self._calibrated, self._nominal = begun, predict_tests(begun.task, begun.nominal)
-            self._kept[()] = _CachedFit(predict_tests(begun.task, begun.calibrated))
-        return self._calibrated
+        begun = calibrate_task(self.data, self._case, self._dynamics)
+        self._nominal = predict_tests(begun.task, begun.nominal)
+        self._kept[()] = _CachedFit(predict_tests(begun.task, begun.calibrated))
+        return begun
 
     @property
     def task(self) -> EstimationTask:
@@ -184,10 +177,11 @@ class Confrontation:
         with self._turn:
             return tuple(c.name for c in self.catalogue if c.name not in names and c.after in ("", *names))
 
-    def evidence(self, names: Sequence[str] = (), progress: Progress = _silent) -> tuple[Evidence, ...]:
+    def evidence(self, names: Sequence[str] = (), progress: Progress = _silent) -> dict[str, float]:
         """Return what the residual of a model with some effects says for each further one, most first.
 
-        The best is fitted to convergence, the others roughly.
+        That is the share of the unexplained chi^2 of the fitted runs that it removes, 0 to 1; zero where no more than
+        chance is promised. The best is fitted to convergence, the others roughly.
 
         Parameters
         ----------
@@ -209,11 +203,11 @@ class Confrontation:
                 singles[best] = min(singles[best], self._kept[*chosen, best].fit.cost)
         samples = fit.solution.problem.dataset.samples
         unexplained = max(fit.cost - samples, 1e-300)
-        found = [
-            Evidence(name, float(np.clip((fit.cost - singles.get(name, fit.cost)) / unexplained, 0.0, 1.0)))
+        found = {
+            name: float(np.clip((fit.cost - singles.get(name, fit.cost)) / unexplained, 0.0, 1.0))
             for name in self.offered(chosen)
-        ]
-        return tuple(sorted(found, key=lambda each: -each.share))
+        }
+        return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 
     def _screening(self, chosen: tuple[str, ...]) -> tuple[float, list[Entry]]:
         if chosen not in self._screened:

@@ -11,27 +11,11 @@ from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import residual_comparison
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.result import ErrorStep
+from flexdesign.estimation.criterion import CONFLICT
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 
-#: A parameter may be set within this number of standard deviations of its prior; else from a half to twice its value.
-PRIOR_DEVIATIONS, DEFAULT_FACTOR = 3.0, 2.0
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the residual says for an effect that the model lacks, before it is fitted to the end.
-
-    Parameters
-    ----------
-    name
-        Of the effect.
-    share
-        Of the unexplained chi^2 of the fitted runs that a rough fit removes, 0 to 1; zero where no more than chance is
-        promised.
-    """
-
-    name: str
-    share: float
+#: A parameter may be set within `CONFLICT` standard deviations of its prior; else from a half to twice its value.
+DEFAULT_FACTOR = 2.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +99,7 @@ def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[Adjusta
         low, high = fitted - reach, fitted + DEFAULT_FACTOR * reach
         if parameter.name in known and parameter.scale == "linear":
             middle, sigma = known[parameter.name]
-            low, high = min(fitted, middle - PRIOR_DEVIATIONS * sigma), max(fitted, middle + PRIOR_DEVIATIONS * sigma)
+            low, high = min(fitted, middle - CONFLICT * sigma), max(fitted, middle + CONFLICT * sigma)
         if parameter.null is not None and math.isfinite(parameter.null):
             low, high = min(low, parameter.null), max(high, parameter.null)
         low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])

@@ -13,7 +13,6 @@ from time import perf_counter
 
 import numpy as np
 
-from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
 from flexdesign.diagnosis.calibration import evaluate_design
 from flexdesign.diagnosis.comparison import Comparison
@@ -32,7 +31,6 @@ def compare(
     *,
     axis: str | None = None,
     noise: float | None = None,
-    threads: int = 2,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
     """Compare a stage model with runs: residuals with the initial conditions of each run fitted.
@@ -47,8 +45,6 @@ def compare(
         Which one; may be left out where model and runs leave no choice.
     noise
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
-    threads
-        Simulations at a time.
     progress
         Receives the progress as text.
 
@@ -65,11 +61,9 @@ def compare(
     every = [replace(each, role="identify", role_is_stated=True) for each in recorded if isinstance(each, Run)]
     progress("fitting the initial conditions of each run")
     data = prepare(model, every, plain.axis, None, noise)
-    with simulating(threads) as each:
+    with simulating(2) as each:
         dynamics, task = case_of(model, data, each, progress)
         fit = evaluate_design(replace(task, free=(), prior_bound=PRIOR_BOUND), dynamics)
-    if fit is None:
-        raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
     residuals = predict_tests(task, fit).residuals_by_run
     roles = {run.name: run.role for run in plain.runs}
     alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in data.runs}

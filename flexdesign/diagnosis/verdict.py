@@ -43,7 +43,7 @@ def decide(
     history: SelectionHistory,
     left: SparseModel,
     is_better_without_physics: Callable[[FittedModel, FittedModel], bool],
-    ends: Callable[[FittedModel], Sequence[str]] = FittedModel.at_bound,
+    ends: Callable[[FittedModel], Sequence[str]],
 ) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
@@ -83,8 +83,8 @@ def reach_verdict(
     groups: tuple[tuple[str, ...], ...],
     strained: Sequence[Conflict],
     implied_effects: Sequence[Conflict],
-    alone: Array | None = None,
-    by_run: Mapping[str, ByRun] | None = None,
+    alone: Array | None,
+    by_run: Mapping[str, ByRun],
 ) -> Diagnosis:
     """Return the diagnosis.
 
@@ -111,8 +111,11 @@ def reach_verdict(
     if is_noise and not {*history.final.names} <= {*final.names}:
         is_noise, doubt = False, describe_unnamed(data, remainder(data, final), history.final)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
+    rungs = _error_steps(data, error_ladder)
+    if alone is not None:  # shows what the initial conditions of the runs explain
+        rungs = (ErrorStep("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))), *rungs)
     effects = tuple(
-        with_runs(_identified_effects(data, error_ladder[1:], name, values), by_run or {}) for name in final.names
+        with_runs(_identified_effects(data, error_ladder[1:], name, values), by_run) for name in final.names
     )
     if implied_effects:
         verdict = "effects-found"
@@ -127,7 +130,7 @@ def reach_verdict(
         confusable=groups,
         possible_effects=_possible(data, history, final),
         candidates=_candidate_records(history.steps),
-        error_ladder=(*_offset_step(alone), *_error_steps(data, error_ladder)),
+        error_ladder=rungs,
         calibration=tuple(values[name] for name in own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in strained),
         noise=data.noise,
@@ -251,11 +254,6 @@ def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
 def _not_chosen(step: Step, trial: Trial) -> str:
     is_confounded = any(trial.names == other.names for other in step.alike)
     return "these runs do not distinguish it from what was added" if is_confounded else "explains less"
-
-
-def _offset_step(alone: Array | None) -> tuple[ErrorStep, ...]:
-    """Return the first step of the ladder, which shows what the initial conditions of the runs explain."""
-    return () if alone is None else (ErrorStep("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))),)
 
 
 def _error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:

@@ -41,7 +41,7 @@ def coarse_step(readings: Array, noise: float, resolution: float) -> float | Non
 
 
 def add_rounding(
-    runs: Mapping[str, Run], noise: ColouredNoise, residuals: Mapping[str, Array], step: float, seed: int = 0
+    runs: Mapping[str, Run], noise: ColouredNoise, residuals: Mapping[str, Array], step: float
 ) -> ColouredNoise:
     """Return noise with the rounding that the predicted motion goes through, run by run.
 
@@ -55,10 +55,8 @@ def add_rounding(
         Measured less predicted of each run, by name [response].
     step
         Of the readings [response].
-    seed
-        Of the noise beneath the steps.
     """
-    realisations = list(errors(runs, noise, residuals, step, NOISE_DRAWS, seed))
+    realisations = list(errors(runs, noise, residuals, step, NOISE_DRAWS))
     return ColouredNoise(
         {name: _process([each[name][np.isfinite(each[name])] for each in realisations]) for name in runs}
     )
@@ -70,13 +68,12 @@ def errors(
     residuals: Mapping[str, Array],
     step: float,
     count: int,
-    seed: int = 0,
 ) -> Iterator[dict[str, Array]]:
     """Yield by how much readings differ from the predicted motion that they are rounded from, run by run; NaN at gaps.
 
     Parameters are those of `add_rounding`, and how often it is drawn.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     for _ in range(count):
         found = dict[str, Array]()
         for name, run in runs.items():

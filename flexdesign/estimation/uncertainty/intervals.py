@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, refine_minimum, solve
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
@@ -17,9 +17,6 @@ Profiles = dict[int, Profile | None]
 def intervals(
     solution: Solution,
     names: Sequence[str],
-    *,
-    known_variance: float | None = 1.0,
-    profiles: bool = True,
 ) -> tuple[Estimate, ...]:
     """Return what a fit says about some of its parameters: value, standard deviation, 95 % interval, identifiability.
 
@@ -34,22 +31,18 @@ def intervals(
         The fit. Its Jacobian may be approximate: it gives the covariance and the first guess of each end.
     names
         Of parameters; the others are nuisance parameters.
-    known_variance
-        Of the whitened residual where the noise is given; None where it is unknown.
-    profiles
-        Whether the ends are checked by the profile likelihood.
     """
     places = [solution.problem.where.names.index(name) for name in names]
-    solution, found, made, _ = check_intervals(solution, places, partial(_refine, known_variance), profiles)
+    solution, found, made, _ = check_intervals(solution, places, _refine)
     return estimates(solution, found, made)
 
 
 @lru_cache(maxsize=4)
-def _refine(known_variance: float | None, near: Solution) -> tuple[Solution, Uncertainty]:
+def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
     """Return a fit whose numbers are right to 0.05 standard deviations, and its uncertainty."""
-    accuracy = 0.05**2 * uncertainty(near, known_variance).variance
+    accuracy = 0.05**2 * uncertainty(near).variance
     polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
-    return polished, uncertainty(polished, known_variance)
+    return polished, uncertainty(polished)
 
 
 def check_intervals(
