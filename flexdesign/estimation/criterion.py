@@ -24,7 +24,8 @@ from dataclasses import dataclass
 
 from scipy.special import chdtri
 
-#: Family-wise probability of a false effect in one step; half of it or twice it moves the critical value by 1.4.
+#: Family-wise probability of a false effect in one step; half of it or twice it moves the critical value by 1.4. Also
+#: the probability of a false sinusoid in a record, and of a false term among smooth functions.
 LEVEL = 1e-3
 #: Least share of the unexplained mean square of the validation runs; what explains less is no finding for a user.
 SHARE = 0.05

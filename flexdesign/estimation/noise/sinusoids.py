@@ -11,12 +11,11 @@ from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, gammainccinv, gammaincinv
 
+from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.noise.autoregressive import Process, burg
 from flexdesign.estimation.noise.restricted_likelihood import HIGHEST_ORDER, Stretch
 
 Array = NDArray[np.float64]
-#: Significance of a sinusoid over all frequencies, and of its fading: one false finding in a thousand records.
-SIGNIFICANCE = 1e-3
 #: Share of its squares that fading must be worth, or noise that is not quite autoregressive lets a strong sinusoid seem
 #: to fade: where the amplitude changes by a sixth either way it is a hundredth.
 LEAST_FADING = 0.01
@@ -47,7 +46,7 @@ def remove_sinusoids(stretches: Sequence[Stretch], period: float) -> tuple[tuple
     """Find the sinusoids in quiet stretches, and return the stretches without them.
 
     A peak that stands out of the median around it is fitted together with a noise process; it is a sinusoid if noise
-    exceeds its likelihood ratio less often than `SIGNIFICANCE`. Within a run it keeps its phase; between runs it has
+    exceeds its likelihood ratio less often than `LEVEL`. Within a run it keeps its phase; between runs it has
     any. All stretches have the same sampling period [s].
     """
     found, left = list[Sinusoid](), tuple(stretches)
@@ -112,9 +111,9 @@ def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit
     fit = _fit(stretches, frequency, period, process)
     dof = 2 * len(_runs(stretches))
     frequencies = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)
-    is_noise = chdtrc(dof, max(fit.explained, 0.0)) * frequencies > SIGNIFICANCE
+    is_noise = chdtrc(dof, max(fit.explained, 0.0)) * frequencies > LEVEL
     fades = _fit(fit.without, frequency, period, process, fading=True).explained
-    dies_away = fades > LEAST_FADING * fit.explained and chdtrc(dof, max(fades, 0.0)) < SIGNIFICANCE
+    dies_away = fades > LEAST_FADING * fit.explained and chdtrc(dof, max(fades, 0.0)) < LEVEL
     return None if is_noise or dies_away else fit
 
 
