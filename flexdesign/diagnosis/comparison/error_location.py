@@ -126,8 +126,10 @@ def where(
     samples = [_Samples.of(run, residuals[run.name], predictions[run.name], noise_floor) for run in runs]
     total = sum(s.excess(s.present) for s in samples)
     response = runs[0].si[runs[0].responses[0]] if len(runs[0].responses) == 1 else "m"
-    made = [_by_run(samples), _by_frequency(samples, noise_floor), _by_position(samples, response)]
-    made += [_by_velocity(samples, response), _by_voltage(samples)]
+    made = [_by_run(samples), _by_frequency(samples, noise_floor)]
+    made.append(Breakdown("position", response, _in_regions(samples, [s.position for s in samples])))
+    made.append(_by_velocity(samples, response))
+    made.append(Breakdown("voltage", "V", _in_regions(samples, [s.command for s in samples])))
     if any(s.since.size and np.isfinite(s.since).any() for s in samples):
         made.append(_by_time_since_step(samples, total))
     return tuple(made)
@@ -244,42 +246,30 @@ def _by_frequency(samples: Sequence[_Samples], noise_floor: NoiseFloor) -> Break
     )
 
 
-def _by_position(samples: Sequence[_Samples], si: str) -> Breakdown:
-    return Breakdown("position", si, _in_regions(samples, [s.position for s in samples]))
-
-
-def _by_voltage(samples: Sequence[_Samples]) -> Breakdown:
-    return Breakdown("voltage", "V", _in_regions(samples, [s.command for s in samples]))
-
-
 def _in_regions(samples: Sequence[_Samples], values: Sequence[Array]) -> tuple[Part, ...]:
     """Return parts of equal width over the whole range of some values."""
     low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    inner = np.linspace(low, high, REGIONS + 1)[1:-1]
-    places = [np.searchsorted(inner, v, side="right") for v in values]
-    edges = [low, *map(float, inner), high]
-    bins = [("", a, b, [place == k for place in places]) for k, (a, b) in enumerate(pairwise(edges))]
-    return _parts(samples, bins)
+    return _between(samples, values, np.linspace(low, high, REGIONS + 1).tolist(), [""] * REGIONS)
+
+
+def _between(
+    samples: Sequence[_Samples], values: Sequence[Array], edges: Sequence[float], labels: Sequence[str]
+) -> tuple[Part, ...]:
+    """Return parts between edges, the first and the last of which are the ends of some values."""
+    places = [np.searchsorted(edges[1:-1], v, side="right") for v in values]
+    limits = zip(labels, pairwise(edges), strict=True)
+    return _parts(
+        samples, [(label, a, b, [place == k for place in places]) for k, (label, (a, b)) in enumerate(limits)]
+    )
 
 
 def _by_velocity(samples: Sequence[_Samples], si: str) -> Breakdown:
     speeds = np.concatenate([np.abs(s.velocity) for s in samples])
     largest = float(np.quantile(speeds, SPEED_QUANTILE)) or float(speeds.max()) or 1.0
     slow, fast, most = SPEED_AT_REST * largest, FAST_SPEED * largest, float(speeds.max())
-    bins = []
-    for label, low, high in (
-        ("down fast", -most, -fast),
-        ("down slowly", -fast, -slow),
-        ("at rest", -slow, slow),
-        ("up slowly", slow, fast),
-        ("up fast", fast, most),
-    ):
-        inside = [(s.velocity > low) & (s.velocity <= high) for s in samples]
-        if label in ("down fast", "at rest"):
-            inside = [(s.velocity >= low) & (s.velocity <= high) for s in samples]
-        bins.append((label, low, high, inside))
-    bins[1] = (*bins[1][:3], [(s.velocity > -fast) & (s.velocity < -slow) for s in samples])
-    return Breakdown("velocity", f"{si}/s", _parts(samples, bins))
+    labels = ["down fast", "down slowly", "at rest", "up slowly", "up fast"]
+    edges = [-most, -fast, -slow, slow, fast, most]
+    return Breakdown("velocity", f"{si}/s", _between(samples, [s.velocity for s in samples], edges, labels))
 
 
 def _by_time_since_step(samples: Sequence[_Samples], total: float) -> Breakdown:
