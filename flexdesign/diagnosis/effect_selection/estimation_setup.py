@@ -21,7 +21,7 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
     with_initial_conditions,
 )
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
+from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 from flexdesign.estimation.least_squares.dataset import Dataset
@@ -107,7 +107,7 @@ def case_of(
 ) -> tuple[AxisDynamics, EstimationTask]:
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
     max_command = data.max_command
-    stroke = abs(data.axis.gain * data.axis.driver.gain) * max_command
+    stroke = stroke_of(data.axis, max_command)
     least = math.ceil(max(data.periods) / LONGEST_STEP)
     screening, jacobian_model, fine = (
         max(STEPS_OF_SCREENING, least),

@@ -15,7 +15,7 @@ from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
-from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
+from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
 from flexdesign.dynamics.axis.axis_run import is_at_stack, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
@@ -202,7 +202,7 @@ class DiagnosisData:
     @property
     def stroke(self) -> float:
         """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
-        return abs(self.axis.gain * self.axis.driver.gain) * (self.max_command if self.runs else 1.0)
+        return stroke_of(self.axis, self.max_command if self.runs else 1.0)
 
     @property
     def noise_rms(self) -> float:
@@ -244,12 +244,8 @@ def prepare(
     whole = {each.name: line_noise(each) for each in measured}
     lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
     if not seen:
-        return _of_responses(
-            DiagnosisData(name, its, (), noise_of_lines(responses, lines), 0.0, _priors(its)),
-            responses,
-            lines,
-            tolerance,
-        )
+        noise = noise_of_lines(responses, lines)
+        return _with_tolerance(DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines), tolerance)
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
@@ -260,26 +256,15 @@ def prepare(
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
-    least = (
-        min(OF_NOISE * first.noise_rms, OF_STROKE * first.stroke) if noise.known else DEFAULT_TOLERANCE * first.stroke
-    )
-    asked = tolerance is not None
-    data = replace(first, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
+    data = _with_tolerance(first, tolerance)
     return replace(data, noise=with_lines(data.noise, responses, lines), responses=responses, lines=lines)
 
 
-def _of_responses(
-    data: DiagnosisData,
-    responses: tuple[FrequencyResponse, ...],
-    lines: Mapping[str, LineNoise],
-    tolerance: float | None,
-) -> DiagnosisData:
-    """Return the data set of frequency responses alone, whose unit is the response to one volt."""
-    data = replace(data, responses=responses, lines=lines)
+def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
+    """Return the data set with what matters; of frequency responses alone the unit is the response to one volt."""
     least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.stroke)
     least = least if data.noise.known else DEFAULT_TOLERANCE * data.stroke
-    asked = tolerance is not None
-    return replace(data, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
+    return replace(data, tolerance=least if asked is None else asked, default_limit=least, is_asked=asked is not None)
 
 
 def line_weights(data: DiagnosisData) -> dict[str, Array]:
