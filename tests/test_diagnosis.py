@@ -414,7 +414,6 @@ def test_the_less_is_known_of_the_noise_the_more_counts_as_noise(dof: float) -> 
             left = remainder(about, fit(about, 1 + more * seen, 1 + more * kept))
             assert left.is_noise is is_noise
             assert (left.allowed, left.excess) == pytest.approx((allowed, more))
-            assert left.raw == pytest.approx(NOISE * math.sqrt(more * kept))
 
 
 def test_words_say_what_remains_and_what_it_looks_like() -> None:

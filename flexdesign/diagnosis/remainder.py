@@ -31,15 +31,12 @@ class Remainder:
         validation runs.
     allowed
         What counts as none.
-    raw
-        The residual above the noise on the runs that judge, rms [response].
     jumps
         Sudden changes in the residual, whitened, of the runs that were fitted.
     """
 
     excess: float
     allowed: float
-    raw: float
     jumps: int = 0
 
     @property
@@ -52,8 +49,7 @@ def remainder(data: DiagnosisData, fit: FittedModel) -> Remainder:
     """Return how what a fitted model leaves compares with the noise."""
     margins = [(ratio - 1, allowed_excess(count, level)) for ratio, count, level in _ratios(data, fit)]
     excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
-    left = data.error(fit) ** 2 - data.noise_rms**2
-    return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(data, fit))
+    return Remainder(excess, allowed, _jumps(data, fit))
 
 
 def _ratios(data: DiagnosisData, fit: FittedModel) -> Iterator[tuple[float, int, float]]:

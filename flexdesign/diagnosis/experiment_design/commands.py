@@ -103,11 +103,6 @@ class Command:
         """Largest change from one sample to the next, per sampling period [V/s]."""
         return float(np.abs(np.diff(self.samples)).max(initial=0.0)) / self.period
 
-    @property
-    def command_only(self) -> bool:
-        """Whether everything it needs is the command."""
-        return not (self.mass_ratio or self.push or self.recorded)
-
     def run(self, axis: str, response: str) -> Run:
         """Return it as a run with nothing measured yet: a response of zeros, in the SI unit `response`.
 

@@ -58,8 +58,8 @@ class Times:
 
     Parameters
     ----------
-    lowest, highest
-        Frequencies of its lowest and its highest mode [Hz].
+    lowest
+        Frequency of its lowest mode [Hz].
     settling
         After which the slowest mode has decayed to 2 % [s].
     resolution
@@ -69,7 +69,6 @@ class Times:
     """
 
     lowest: float
-    highest: float
     settling: float
     resolution: float
     band: tuple[float, float]
@@ -83,9 +82,8 @@ def times(axis: AxisModel, limits: Limits) -> Times:
     width = min(2 * d * f for f, d in modes)
     wanted = min(max(width / 4, lowest / 400), lowest / 40)
     resolution = limits.rate / math.ceil(limits.rate / wanted)
-    return Times(
-        lowest, highest, min(max(4.0 / decay, 0.1), 2.0), resolution, (lowest / 40, min(limits.bandwidth, 3 * highest))
-    )
+    band = (lowest / 40, min(limits.bandwidth, 3 * highest))
+    return Times(lowest, min(max(4.0 / decay, 0.1), 2.0), resolution, band)
 
 
 def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Command, ...]:
