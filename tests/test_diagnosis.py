@@ -144,7 +144,7 @@ def fit(
     parts = tuple(half * np.eye(1, record.rows)[0] for record in task.identify.records)
     normal = np.diag(1 / (1e-3 * where.sizes(where.start)) ** 2)
     cost = sum(float(part @ part) for part in parts)
-    solution = Solution(problem, where.start, cost, parts, (), normal, True)
+    solution = Solution(problem, where.start, cost, parts, (), normal)
     held = kept * sum(record.present.sum() for record in task.validate.records)
     tests = kept if tests is None else tests
     rms = {role: NOISE * math.sqrt(of) for role, of in (("identify", seen), ("validate", kept), ("test", tests))}

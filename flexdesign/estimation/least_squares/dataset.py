@@ -121,6 +121,11 @@ class Dataset:
         """Number of values present."""
         return int(sum(record.present.sum() for record in self.records))
 
+    @property
+    def nuisance_dof(self) -> float:
+        """Effective degrees of freedom of what may add to the records."""
+        return float(sum(np.sum(record.basis[: len(record.measured)] ** 2) for record in self.records))
+
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
         vector = self._whiten(record.observation, record.present, difference)

@@ -23,7 +23,7 @@ SMALL_REDUCTION = 0.1
 #: number of steps; it shows convergence if the gain ratio of the last step was between these.
 LEAST_GAIN_RATIO, MOST_UPDATES, CONVERGED_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
-DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
+DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-3, 0.2, 8.0
 #: Damping that no longer matters.
 NEGLIGIBLE_DAMPING = 1e-9
 #: The search ends where the Jacobian was computed so often at one point without success.
@@ -74,8 +74,6 @@ class Solution:
         Of each record; the Jacobian may be that of a point one short step away.
     normal
         J'J with the prior, coordinates by coordinates.
-    is_settled
-        Whether it ended because nothing more was to be gained, and not for want of trials or where no Jacobian led on.
     """
 
     problem: Problem
@@ -84,7 +82,6 @@ class Solution:
     residuals: tuple[Array, ...]
     jacobian: tuple[JacobianBlock, ...]
     normal: Array
-    is_settled: bool
 
     @property
     def covariance(self) -> Array:
@@ -108,8 +105,8 @@ class Solution:
         return found
 
     def project(self, parts: Sequence[Array]) -> Array:
-        """Return J'v for a vector v in parts, one for each record."""
-        total = np.zeros(len(self.x))
+        """Return J'v for a vector v, or for k vectors as columns, in parts, one for each record."""
+        total = np.zeros((len(self.x), *parts[0].shape[1:]))
         for jacobian, part in zip(self.jacobian, parts, strict=True):
             total[jacobian.places] += jacobian.matrix.T @ part
         return total
@@ -147,17 +144,17 @@ def solve(
     for left in reversed(range(effort.jacobians)):
         # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
         if search.descend(effort.share) and (search.fresh or not effort.is_exact):
-            return search.solution(True)
+            break
         if search.jacobians_here == MOST_FAILURES or not (left or effort.is_exact):
             break
         search.update_jacobian()
-    return search.solution(False)
+    return search.solution()
 
 
 def linearise(problem: Problem, x: Array) -> Solution | None:
     """Return a point as it is, with the Jacobian there; None where the model fails."""
     residuals = problem.residuals(x)
-    return None if residuals is None else _Search(problem, x, residuals, None, None).solution(False)
+    return None if residuals is None else _Search(problem, x, residuals, None, None).solution()
 
 
 def refine_minimum(solution: Solution, small: float) -> Solution:
@@ -165,7 +162,7 @@ def refine_minimum(solution: Solution, small: float) -> Solution:
     search = _Search(solution.problem, solution.x, list(solution.residuals), solution.columns(), small)
     search.fresh = True
     search.descend(0.0)
-    return search.solution(solution.is_settled)
+    return search.solution()
 
 
 class _Search:
@@ -199,7 +196,7 @@ class _Search:
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem, self.held)
             predicted_reduction = -float(2 * gradient @ step + step @ self.normal @ step)
-            if predicted_reduction < 0 and self.damping < LARGEST_DAMPING:
+            if predicted_reduction < 0:
                 # A step that was clipped to the bounds is no minimum of the bounded parabola.
                 self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 continue
@@ -226,8 +223,6 @@ class _Search:
                 return False
             elif self.is_released or not self._hold():
                 self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
-                if self.damping > LARGEST_DAMPING:
-                    return True
         return False
 
     def _least_reduction(self) -> float:
@@ -268,18 +263,22 @@ class _Search:
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.is_undamped, self.jacobians_here = False, False, 0
 
-    def solution(self, is_settled: bool) -> Solution:
+    def solution(self) -> Solution:
         """Return where the search stands."""
         residuals, jacobian = tuple(self.residuals), tuple(self.jacobian)
-        return Solution(self.problem, self.x, self.cost, residuals, jacobian, self.normal, is_settled)
+        return Solution(self.problem, self.x, self.cost, residuals, jacobian, self.normal)
 
 
 def _normal(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock]) -> Array:
     prior = problem.prior_jacobian(x)
-    total = prior.T @ prior
+    return add_normal(prior.T @ prior, jacobian)
+
+
+def add_normal(total: Array, jacobian: Sequence[JacobianBlock]) -> Array:
+    """Return J'J added to a matrix, coordinates by coordinates."""
     for part in jacobian:
         total[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
-    return np.asarray(total)
+    return total
 
 
 def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], residuals: Sequence[Array]) -> Array:

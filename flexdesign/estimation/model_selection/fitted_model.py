@@ -88,8 +88,7 @@ class FittedModel:
     @property
     def nuisance_dof(self) -> float:
         """Effective degrees of freedom of the initial conditions that enter linearly."""
-        records = self.solution.problem.dataset.records
-        return float(sum(np.sum(record.basis[: len(record.measured)] ** 2) for record in records))
+        return self.solution.problem.dataset.nuisance_dof
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -197,6 +197,7 @@ class Screening:
         problem = solution.problem
         self.model = coarse(problem.at(solution.x))
         self.inverse = solution.covariance
+        self.ends = np.cumsum([record.rows for record in problem.dataset.records])[:-1]
         self.residual = np.concatenate(solution.residuals)
         self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.dataset.records]
         trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
@@ -235,7 +236,7 @@ class Screening:
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
-        projection = self._project(move[:, None])[:, 0]
+        projection = self.solution.project(np.split(move, self.ends))
         whole = float(move @ move)
         projected_norm2 = whole - float(projection @ self.inverse @ projection)
         if (
@@ -247,19 +248,17 @@ class Screening:
 
     def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
         """Return the direction of a sinusoid with the best phase in each run."""
-        names = [record.observation.name for record in self.solution.problem.dataset.records]
-        ends = np.cumsum([record.rows for record in self.solution.problem.dataset.records])
-        columns = []
+        names, columns = self.solution.problem.dataset.names, []
         for phase in (0.0, math.pi / 2):
             move = self._move(model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
             if move is None:
                 return None
-            for begin, end in zip((0, *ends[:-1]), ends, strict=True):
-                column = np.zeros(ends[-1])
+            for begin, end in zip((0, *self.ends), (*self.ends, len(move)), strict=True):
+                column = np.zeros(len(move))
                 column[begin:end] = move[begin:end]
                 columns.append(column)
         matrix = np.column_stack(columns)
-        projection = self._project(matrix)
+        projection = self.solution.project(np.split(matrix, self.ends))
         gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
         amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
@@ -269,15 +268,6 @@ class Screening:
         phases = {f"{n}:{candidate.phase}": math.atan2(c, s) for n, s, c in zip(names, sines, cosines, strict=True)}
         found = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
         return None if found is None else replace(found, columns=len(amounts))
-
-    def _project(self, changes: Array) -> Array:
-        """Return J'd for moves (rows by k): coordinates by k."""
-        total, row = np.zeros((len(self.solution.x), changes.shape[1])), 0
-        for jacobian in self.solution.jacobian:
-            part = changes[row : row + len(jacobian.matrix)]
-            total[jacobian.places] += jacobian.matrix.T @ part
-            row += len(part)
-        return total
 
     def cosines(self, directions: Sequence[Direction]) -> Array:
         """Return the cosines between directions, after projection on the free parameters."""
@@ -308,9 +298,8 @@ class Screening:
             return float(chdtri(1, level))
         null_errors = np.array([self._scaled(plain, error) for error in errors])
         if not len(null_errors):
-            values, vectors = np.linalg.eigh(self.cosines(plain))
-            root = vectors * np.sqrt(np.maximum(values, 0.0))
-            null_errors = np.random.default_rng(seed).standard_normal((NULL_DRAWS, len(values))) @ root.T
+            cosines, rng = self.cosines(plain), np.random.default_rng(seed)
+            null_errors = rng.multivariate_normal(np.zeros(len(plain)), cosines, NULL_DRAWS, "ignore", method="eigh")
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(null_errors), np.maximum(null_errors, 0.0)).max(axis=1)
         single = float(np.quantile(largest**2, 1 - SIMULATED_LEVEL))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from flexdesign.core.model import Observation
+from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, without_offset
@@ -22,8 +23,8 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel, with
 Array = NDArray[np.float64]
 #: Functions of what a model predicts of an observation, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
-#: No more terms than these, and none that chance makes in one of a thousand cases.
-MOST_TERMS, TERM_LEVEL = 10, 1e-3
+#: No more terms than these.
+MOST_TERMS = 10
 #: A function of which the model's own numbers leave less than this, in squares, is one that they can imitate.
 INDEPENDENT_SHARE = 1e-4
 
@@ -53,17 +54,13 @@ class SparseModel:
 
 def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunctions) -> SparseModel:
     """Return the sum of smooth functions that explains most of what a fitted model leaves."""
-    names, seen = _columns(task.identify, fit, features)
-    solution = fit.solution
-    projection, row = np.zeros((len(solution.x), len(names))), 0
-    for jacobian in solution.jacobian:
-        projection[jacobian.places] += jacobian.matrix.T @ seen[row : row + len(jacobian.matrix)]
-        row += len(jacobian.matrix)
-    inverse = solution.covariance
+    names, parts = _columns(task.identify, fit, features)
+    solution, seen = fit.solution, np.vstack(parts)
+    projection, inverse = solution.project(parts), solution.covariance
     gram = seen.T @ seen - projection.T @ inverse @ projection
     predicted_gain = seen.T @ np.concatenate(solution.residuals)
     own = np.diag(gram) > INDEPENDENT_SHARE * np.sum(seen**2, axis=0)
-    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, TERM_LEVEL / max(len(names), 1))))
+    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return SparseModel({}, 0.0, 0.0, 0.0, {})
     amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
@@ -91,7 +88,7 @@ def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctio
         whole[:, part.places] = part.matrix
         parts.append(whole)
     residual = np.concatenate(fit.solution.residuals)
-    columns = np.hstack([np.vstack(parts), seen[:, [name in terms for name in names]]])
+    columns = np.hstack([np.vstack(parts), np.vstack(seen)[:, [name in terms for name in names]]])
     rest = without_columns(residual, columns)
     return float(rest @ rest)
 
@@ -103,14 +100,15 @@ def without_columns(values: Array, columns: Array) -> Array:
     return np.asarray(values - unit @ np.linalg.lstsq(unit, values, rcond=1e-10)[0])
 
 
-def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tuple[list[str], Array]:
-    names, parts = list[str](), []
+def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tuple[list[str], list[Array]]:
+    """Return the names of smooth functions, and their whitened columns in each record."""
+    names, parts = list[str](), list[Array]()
     for record in dataset.records:
         made = features(record.observation, np.asarray(fit.model.predict(record.observation)))
         names = list(made)
         columns = [dataset.whitened(record, np.where(record.present, column, 0.0)) for column in made.values()]
         parts.append(np.column_stack(columns))
-    return names, np.vstack(parts)
+    return names, parts
 
 
 def _pursuit(

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, add_normal
 from flexdesign.estimation.noise.autoregressive import Autocorrelation, estimate_autocorrelation
 
 Array = NDArray[np.float64]
@@ -121,9 +121,7 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
 
     records, given = solution.problem.dataset.records, known_variance or 0.0
     prior = solution.problem.prior_jacobian(solution.x)
-    data = np.zeros((len(solution.x), len(solution.x)))
-    for part in solution.jacobian:
-        data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
+    data = add_normal(np.zeros((len(solution.x), len(solution.x))), solution.jacobian)
     projection, inverse_hessian, null_space = _decompose(data, prior)
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
     parts = _parts(solution, jacobians, inverse_hessian)
@@ -133,8 +131,8 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
     left = np.maximum(samples - [part.effective_parameters for part in parts], 0.1 * samples)
     pooled = float(chi2.sum() / left.sum())
-    nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
-    parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection))) + nuisance
+    parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection)))
+    parameters += solution.problem.dataset.nuisance_dof
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
     is_white = all(part.autocorrelation.is_white for part in parts)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, MISFIT_LEVEL))
