@@ -48,7 +48,7 @@ from flexdesign.estimation.least_squares import levenberg_marquardt
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import (
     CALIBRATION,
-    MINIMUM,
+    FULL,
     SMALL_REDUCTION,
     Columns,
     Effort,
@@ -172,7 +172,7 @@ def solve_scipy(problem: Problem, manner: FitSettings, old: Columns) -> float:
 
 
 SOLVERS: dict[str, Callable[[Problem, FitSettings, Columns], float]] = {"own": solve_own, "SciPy": solve_scipy}
-MANNERS = {"to the end": FitSettings(MINIMUM, False), "roughly": FitSettings(CALIBRATION, True)}
+MANNERS = {"to the end": FitSettings(FULL, False), "roughly": FitSettings(CALIBRATION, True)}
 
 
 def compare_solvers(task: Task, manner: FitSettings) -> dict[str, SolverOutcome]:

@@ -12,7 +12,7 @@ import pytest
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort
+from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Effort
 from flexdesign.estimation.least_squares.local_minima import OTHER_MINIMUM, grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -165,10 +165,11 @@ def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
         misfit, found = made.misfit, made.problem.where.values(made.x)
         matrix = np.column_stack([column(run, "own"), np.ones(N)])
         left = run.data - 0.7 * column(run, "p")
-        # No step is left that promises more than this share of the residual.
-        assert misfit * SIGMA**2 == pytest.approx(least(matrix, left), rel=2 * FULL.share)
+        # No step is left that promises more than this.
+        small = SMALL_REDUCTION * made.problem.dataset.discrepancy(made.residuals) * SIGMA**2
+        assert misfit * SIGMA**2 == pytest.approx(least(matrix, left), abs=2 * small)
         assert set(found) == {f"{run.name}:own"}
-        farthest = math.sqrt(2 * FULL.share * least(matrix, left) / least(matrix[:, 1:], matrix[:, 0]))
+        farthest = math.sqrt(2 * small / least(matrix[:, 1:], matrix[:, 0]))
         assert found[f"{run.name}:own"] == pytest.approx(np.linalg.lstsq(matrix, left)[0][0], abs=farthest)
 
 

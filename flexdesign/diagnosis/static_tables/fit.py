@@ -20,7 +20,7 @@ from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import Value
 from flexdesign.effects import statics
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, coordinates, value
 from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.uncertainty.covariance import uncertainty
@@ -163,7 +163,7 @@ def fit_with(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | 
         Dataset([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
     )
     start = near.solution.x if near and near.solution else _start(problem)
-    found = solve(problem, start, MINIMUM, small=1e-4)  # a hundredth of a standard deviation
+    found = solve(problem, start, small=1e-4)  # a hundredth of a standard deviation
     if found is None:
         return None
     return replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)

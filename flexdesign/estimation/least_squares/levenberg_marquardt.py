@@ -40,22 +40,20 @@ class Effort:
         Largest number of times that the Jacobian is computed; with none, the fit uses the known one until the cost
         stops falling.
     share
-        A step that promises to lower chi^2 by less than this share of it is the last.
+        A step that promises to lower chi^2 by less than this share of it is the last, too.
     is_exact
         Whether the Jacobian is computed once more at the end.
     """
 
     jacobians: int = 20
-    share: float = 1e-5
+    share: float = 0.0
     is_exact: bool = True
 
 
 #: A fit to convergence; a rough fit that ranks candidates; and steps with the known Jacobian alone.
 FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
-#: The fit of the model's own numbers, whose steps are refined afterwards.
-CALIBRATION = Effort(20, 1e-4, is_exact=False)
-#: The same without regard for time: to the minimum, and all steps of one Jacobian.
-MINIMUM, FOLLOWING = Effort(30, 1e-6), Effort(0, 0.0, is_exact=False)
+#: The fit of the model's own numbers, whose steps are refined afterwards; and all steps of one Jacobian.
+CALIBRATION, FOLLOWING = Effort(is_exact=False), Effort(0, is_exact=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
-from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Problem
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ def multistart(problem: Problem, starts: int, progress: Callable[[str], None]) -
     found: list[Solution] = []
     summary = Starts(starts, 0, 0)
     for point in _points(problem, starts):
-        if (minimum := solve(problem.fresh(), point, MINIMUM, small=problem.dataset.floor)) is not None:
+        if (minimum := solve(problem.fresh(), point, small=problem.dataset.floor)) is not None:
             found.append(minimum)
         summary = Starts(starts, len(found), _count_converged(problem, found))
         progress(f"start {len(found)} of {starts}: {summary.converged} at the best minimum")

@@ -257,7 +257,7 @@ def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
     everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact.
     """
     model = task.finest(fit.model)
-    effort = Effort(2, FULL.share, is_exact=False)
+    effort = Effort(2, is_exact=False)
     made = fit_model(task, model, fit.effects, old=fit.solution.columns(), effort=effort)
     return fit if made is None else made
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, refine_minimum, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, refine_minimum, solve
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
 from flexdesign.estimation.uncertainty.identifiability import Estimate, estimates
 from flexdesign.estimation.uncertainty.profile_likelihood import Profile, profile, quadratic
@@ -70,7 +70,7 @@ def check_intervals(
         better = next((p.better for p in made.values() if p is not None and p.better is not None), None)
         if better is None or refits == 2:
             break
-        solution = solve(solution.problem.fresh(), better, MINIMUM) or solution
+        solution = solve(solution.problem.fresh(), better) or solution
     return solution, found, made, refits > 0
 
 
