@@ -277,17 +277,16 @@ def _by_run(fit: FittedModel, solutions: Sequence[Solution], name: str) -> ByRun
         return [each for each in solution.problem.where.names if each.endswith(f":{name}")]
 
     places = [(solution, each) for solution in solutions for each in own(solution)]
-    runs = {each.rpartition(":")[0]: _value(fit, solution, name, {each: 1.0}) for solution, each in places}
-    all_fitted = own(fit.solution)
-    return ByRun(_value(fit, fit.solution, name, {each: 1 / len(all_fitted) for each in all_fitted}), runs)
+    runs = {each.rpartition(":")[0]: _value(fit, solution, name, each) for solution, each in places}
+    mean, half = fit.mean_over_runs(name)
+    return ByRun(Value(parameter_of(fit.model, name), mean, (mean - half, mean + half)), runs)
 
 
-def _value(fit: FittedModel, solution: Solution, name: str, weights: Mapping[str, float]) -> Value:
-    """Return a number plus weighted deviations from it; the number itself may be one of the fit or as it is."""
+def _value(fit: FittedModel, solution: Solution, name: str, deviation: str) -> Value:
+    """Return a number plus a run's deviation from it; the number itself may be one of the fit or as it is."""
     where, parameter = solution.problem.where, parameter_of(fit.model, name)
-    weights = {**weights, **({name: 1.0} if name in where.names else {})}
-    contrast = np.array([weights.get(each, 0.0) for each in where.names])
-    value = float(contrast @ solution.x) + (0.0 if name in weights else float(parameter.start or 0.0))
+    contrast = np.array([each in (name, deviation) for each in where.names], dtype=float)
+    value = float(contrast @ solution.x) + (0.0 if name in where.names else float(parameter.start or 0.0))
     variance = float(contrast @ solution.covariance @ contrast) * fit.discrepancy
     half = HALF_WIDTH * math.sqrt(max(variance, 0.0))
     return Value(parameter, value, (value - half, value + half))
@@ -298,7 +297,7 @@ def with_means(fit: FittedModel) -> AxisDynamics:
     model = cast(AxisDynamics, fit.model)
     where = fit.solution.problem.where
     names = [name for name in model.by_run if name in where.names]
-    return model.replace({name: _by_run(fit, [], name).mean.value for name in names})
+    return model.replace({name: fit.mean_over_runs(name)[0] for name in names})
 
 
 def with_runs(named: IdentifiedEffect, by_run: Mapping[str, ByRun]) -> IdentifiedEffect:

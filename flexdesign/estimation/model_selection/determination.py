@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexdesign.estimation.criterion import LEVEL, WORSE
+from flexdesign.core.model import parameter_of
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, WORSE
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -24,11 +25,11 @@ from flexdesign.estimation.uncertainty.intervals import intervals
 def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
     """Return the fit without effects whose strength has no interval, or one that holds its null; and the numbers held.
 
-    Intervals are those by the profile likelihood, which are stated. The covariance may mislead where effects imitate
-    each other. A number of the same effect that can replace the strength is held first, where the fit has it.
+    Intervals are those that are stated. A number of the same effect that can replace the strength is held first, where
+    the fit has it.
     """
     for effect in reversed(fit.effects):
-        (strength,) = intervals(fit.solution, [effect.strength])
+        strength = _strength(fit, effect.strength)
         if _excludes_null(fit, strength):
             continue
         held = tuple(name for name in strength.confounded if name in effect.free)
@@ -42,6 +43,18 @@ def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
         made, more = drop_undetermined(task, made)
         return made, (*held, *more)
     return fit, ()
+
+
+def _strength(fit: FittedModel, name: str) -> Estimate:
+    """Return a strength with its interval by the profile likelihood, as the covariance may mislead in imitations.
+
+    Where it differs from run to run, the mean over the fitted runs, with its interval by the covariance.
+    """
+    differing = [p for p in fit.solution.problem.where.parameters if p.run and p.name.endswith(f":{name}")]
+    if not differing:
+        return intervals(fit.solution, [name])[0]
+    mean, half = fit.mean_over_runs(name)
+    return Estimate(parameter_of(fit.model, name), mean, half / HALF_WIDTH, (mean - half, mean + half), True)
 
 
 def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
