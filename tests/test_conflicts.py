@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Parameter
-from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, conflicts, explains
+from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, _delay_shift, conflicts, explains
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import TRIGGER
+from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -150,6 +150,23 @@ def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float
     # The case itself believes whatever the data say.
     values = {p.name: p.start or 0.0 for p in fit.model.parameters() if p.run}
     assert all(value == pytest.approx(late, abs=0.1) for value in values.values())
+
+
+@pytest.mark.parametrize(("late", "said"), [(1.0, "late"), (-1.0, "early"), (0.0, "")])
+def test_runs_that_all_began_late_have_a_delay_and_early_ones_shifted_columns(late: float, said: str) -> None:
+    own = [parameter(f"{n}:{TRIGGER}", 0.0, -9.0, 9.0, run=n) for n in EVERY]
+    model = Staged().plus(lambda v, run: v["p"] * column(run, "p") + v["q"] * column(run, "q"), *base("p", "q").every)
+    model = model.plus(lambda v, run: v[DELAY] + 0.0 * column(run, "p"), parameter(DELAY, 0.0, 0.0, 9.0))
+    model = model.plus(lambda v, run: v[f"{run.name}:{TRIGGER}"] * column(run, "late"), *own)
+    truth = {"p": TRUE, "q": -1.0, **{p.name: late for p in own}}
+    fit = final(case_of(model, truth, 0.0, {p.name: (0.0, 0.1) for p in own}), model)
+    found = _delay_shift(SimpleNamespace(is_at_stack=False), fit)  # type: ignore[arg-type]
+    assert (found is None) is (late == 0)
+    if found is not None:
+        assert float(found.words.split(" ms")[0].removeprefix(f"all runs began {said}, by ")) == pytest.approx(
+            1e3, rel=0.05
+        )
+        assert found.group == (("transport_delay",) if late > 0 else ())
 
 
 SPRING = {"alpha": 1.0, "gamma": 1e3, "delta": 0.0, "n": 1.0}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.preparation.quantisation_noise import coarse_step
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.measurements.noise_level import noise_floor
 from flexdesign.measurements.noise_level.noise_floor import resample
@@ -245,3 +246,13 @@ def test_a_run_that_stands_on_one_step_has_the_noise_of_the_step() -> None:
     assert found.source.startswith("quiet stretches")
     # The noise of rounding, Bennett 1948; steps are read to 1e-9 of the span of 200 steps.
     assert found.rms["on"] >= step / math.sqrt(12) * (1 - 1e-6)
+
+
+def test_coarse_steps_are_found_in_a_file_that_rounds_its_readings() -> None:
+    """Of gaps of 9.76 and 9.77 nm, neither of which is the step, 50 levels make 9.765625 nm."""
+    step = 40e-6 / 2**12
+    readings = np.round(step * np.random.default_rng(0).integers(100, 150, 2000), 11)
+    found = coarse_step(readings, 0.1 * step, 0.0)
+    assert found == pytest.approx(step, rel=2e-5)
+    assert np.median(np.diff(np.unique(readings))) != pytest.approx(step, rel=2e-4)
+    assert coarse_step(readings, step, 0.0) is None

@@ -24,7 +24,7 @@ from flexdesign.diagnosis.result import (
     Verdict,
 )
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import LARGE, WORSE
+from flexdesign.estimation.criterion import LARGE, OVERSTATED, WORSE
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
@@ -166,6 +166,11 @@ def _confidence(data: DiagnosisData, history: SelectionHistory, nominal: FittedM
         remarks.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "
             "how much of the residual is noise"
+        )
+    if data.noise.known and data.observed("test") and OVERSTATED * data.test_error(calibration) < data.noise_rms:
+        remarks.append(
+            "the residual is far below the noise, which is overstated: the stretches that it was read from hold "
+            "motion, or the stated one is too large; smaller effects are not seen"
         )
     if history.is_refused:
         remarks.append(

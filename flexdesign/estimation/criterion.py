@@ -45,6 +45,8 @@ BETTER = 0.5
 #: old value contradicts the runs if it makes their residual larger by it. The rms of a thousand samples scatters less,
 #: 1 / sqrt(2 * 1250).
 WORSE = 1.02
+#: Noise is overstated where the residual is smaller by this factor, which chance does not reach with ten samples.
+OVERSTATED = 2.0
 
 
 @dataclass(frozen=True)

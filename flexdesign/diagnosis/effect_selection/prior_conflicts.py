@@ -199,7 +199,7 @@ def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]
 
 
 def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
-    """Return what it means that all runs began late: a delay that none of them has of its own."""
+    """Return what it means that all runs began late, a delay that none of them has of its own; or early."""
     where = fit.solution.problem.where
     sigma = np.sqrt(np.maximum(np.diag(fit.solution.covariance), 0.0))
     late, places, jitter = [], list[int](), 0.0
@@ -212,6 +212,13 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     if len(late) < 2:
         return None
     mean, error = float(np.mean(late)), jitter / math.sqrt(len(late))
+    if mean < -CONFLICT * error:
+        words = (
+            f"all runs began early, by {-1e3 * mean:.3g} ms in the mean: the reading answers before the command, so "
+        )
+        return Conflict(
+            f"{words}that their columns are shifted against each other", (), None, lambda model: model, TRIGGER
+        )
     if mean <= CONFLICT * error:
         return None
     # Runs that jitter less than was feared determine their common delay better.

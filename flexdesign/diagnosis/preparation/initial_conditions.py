@@ -105,9 +105,9 @@ def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
 
 
 def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
-    """Return the model with the common trigger delay that fits best on a grid, if that is more than one step.
+    """Return the model with the common trigger delay or lead that fits best on a grid, if that is more than one step.
 
-    From half a period of the mode on, a fit that begins without delay goes the wrong way.
+    From half a period of the mode on, a fit that begins without either goes the wrong way.
     """
     if not math.isinf(task.prior_bound):
         return dynamics
@@ -117,8 +117,10 @@ def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
 
     step = DELAY_SPACING / dynamics.first.natural_frequency
     farthest = min(LARGEST_DELAY / dynamics.first.natural_frequency, TRIGGERED_WITHIN[1])
-    best = min(np.arange(0.0, farthest, step).tolist(), key=lambda late: _cost(task, late_by(late)))
-    return late_by(best) if best > step else dynamics
+    delays = np.arange(0.0, farthest, step)
+    every = sorted([*delays.tolist(), *(-delays[1:]).tolist()], key=abs)
+    best = min(every, key=lambda late: _cost(task, late_by(late)))
+    return late_by(best) if abs(best) > step else dynamics
 
 
 def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:

@@ -37,7 +37,11 @@ def coarse_step(readings: Array, noise: float, resolution: float) -> float | Non
     step = float(np.median(gaps)) if len(gaps) else 0.0
     if step <= max(COARSE_STEP * noise, 2 * resolution) or len(levels) > MOST_LEVELS * len(readings):
         return None
-    return None if np.abs(gaps / step - np.round(gaps / step)).max() > GRID_TOLERANCE else step
+    counts = np.round(gaps / step)
+    if np.abs(gaps / step - counts).max() > GRID_TOLERANCE:
+        return None
+    # The levels lie on a line whose slope is the step, which a file that rounds its readings shows no gap of.
+    return float(np.polyfit(np.concatenate([[0.0], np.cumsum(counts)]), levels, 1)[0])
 
 
 def add_rounding(
