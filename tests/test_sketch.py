@@ -334,6 +334,12 @@ REFUSED = {
         ('thickness = "thickness"', 'thickness = "thickness", profile = "v", depth = "1 mm"'),
         "flexure.leaf.fillet", "more than 0 mm",
     ),
+    "a dimension that nothing uses": (
+        ("[dimensions]", '[dimensions]\nlenght = "9 mm"'), "dimensions.lenght", "did you mean length?",
+    ),
+    "a derived one that nothing uses": (
+        ("[dimensions]", '[derived]\nhalf = "height / 2"\n[dimensions]'), "derived.half", "used nowhere in the sketch",
+    ),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 
@@ -350,6 +356,12 @@ def test_one_message_says_what_is_wrong(what: str, tmp_path: Path) -> None:
     assert Path(str(refused.value.file)).name == "mine.toml"
     assert refused.value.field == field
     assert remedy in str(refused.value)
+
+
+def test_an_override_of_no_dimension_is_refused() -> None:
+    with pytest.raises(InputError, match=r"did you mean thickness\?") as refused:
+        sketch("parallelogram", "dimensions.thicknes=0.4 mm")
+    assert (refused.value.file, refused.value.field) == ("command line", "dimensions.thicknes")
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

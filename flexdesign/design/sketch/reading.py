@@ -68,9 +68,21 @@ def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Pat
         if not (value.magnitude == 0 and not f"{value.units:~C}"):  # a bare 0 is any nothing
             _require_unit(value, si, path, where, text)
         expressions[where] = Expression(formula, where)
+    named = {f"dimensions.{name}": given for name, given in dimensions.items()}
+    _require_used(expressions, named | {f"derived.{name}": text for name, text in tables.derived.items()}, path)
     plan = Plan(tables, tuple(known.values()), expressions)
     _require_axes(plan, path)
     return plan
+
+
+def _require_used(expressions: Mapping[str, Expression], named: Mapping[str, object], path: Path) -> None:
+    """Refuse a dimension or a derived one that no arithmetic names: a misspelt one would change nothing."""
+    used = {name for expression in expressions.values() for name in expression.formula.names}
+    for field, given in named.items():
+        name = field.partition(".")[2]
+        if name not in used:
+            remedy = f"is used nowhere in the sketch: use it, or leave it out{suggest(name, sorted(used - set(UNITS)))}"
+            raise InputError(path, field, as_written(given), remedy)
 
 
 def _require_axes(plan: Plan, path: Path) -> None:
