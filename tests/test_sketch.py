@@ -340,6 +340,10 @@ REFUSED = {
     "a derived one that nothing uses": (
         ("[dimensions]", '[derived]\nhalf = "height / 2"\n[dimensions]'), "derived.half", "used nowhere in the sketch",
     ),
+    "input and output on one side": (('side = "+x"', 'side = "-x"'), "port.output.side", "that input has"),
+    "two grounds on one side": (
+        ('side = "-y" }', 'side = "-y", mirror = "x" }'), "port.ground_x.side", "a side belongs to one port",
+    ),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -84,7 +85,10 @@ class Plan:
         thick = number("plate.thickness")
         if not thick > 0:
             raise InputError("design", "plate.thickness", f"{1e3 * thick:g} mm", "must be more than 0 mm")
-        found = list(self._ports(bodies, self.axis_of(axis)))
+        by_axis = {each: list(self._ports(bodies, each)) for each in self.axes}
+        for ports in by_axis.values():
+            _require_apart(ports)
+        found = by_axis[self.axis_of(axis)]
         return Drawing(bodies, flexures, tuple(port for port, _ in found), {p.name: body for p, body in found}, thick)
 
     def axis_of(self, axis: str | None = None) -> str:
@@ -139,6 +143,16 @@ class Plan:
                     names.append(name)
                     at, normal = (float(middle[0]), float(middle[1]), 0.0), (float(way[0]), float(way[1]), 0.0)
                     yield Port(name, role, at, normal), body
+
+
+def _require_apart(ports: Sequence[tuple[Port, str]]) -> None:
+    """Refuse two ports on one side of a body: what one does the other would do, or hinder."""
+    for (one, _), (other, body) in combinations(ports, 2):
+        gap = np.abs(np.subtract(one.point, other.point)).max()
+        if gap < 10 * polygons.TOLERANCE and np.allclose(one.normal, other.normal, rtol=0, atol=1e-9):
+            side = next((name for name, way in _SIDES.items() if np.allclose(way, other.normal[:2])), None)
+            remedy = f"is the side of the body {body} that {one.name} has; a side belongs to one port: name another"
+            raise InputError("design", f"port.{other.name}.side", side, remedy)
 
 
 def _point(number: Number, where: str) -> Array:
