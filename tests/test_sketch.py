@@ -344,6 +344,12 @@ REFUSED = {
     "two grounds on one side": (
         ('side = "-y" }', 'side = "-y", mirror = "x" }'), "port.ground_x.side", "a side belongs to one port",
     ),
+    "an input on the ground": (
+        ('"input", body = "table"', '"input", body = "base"'), "port.input.body", "is the ground (port ground)",
+    ),
+    "an output on the ground": (
+        ('"output", body = "table"', '"output", body = "base"'), "port.output.body", "is the ground (port ground)",
+    ),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 
@@ -366,6 +372,16 @@ def test_an_override_of_no_dimension_is_refused() -> None:
     with pytest.raises(InputError, match=r"did you mean thickness\?") as refused:
         sketch("parallelogram", "dimensions.thicknes=0.4 mm")
     assert (refused.value.file, refused.value.field) == ("command line", "dimensions.thicknes")
+
+
+def test_an_actuator_may_push_off_the_ground(tmp_path: Path) -> None:
+    """Of two inputs one may lie on the ground: the numbers are those of the other alone."""
+    pushing = TWO_LEAVES.replace(
+        "port = [", 'port = [\n    { role = "input", body = "base", side = "+x", name = "seat" },'
+    )
+    (tmp_path / "pushing.toml").write_text(pushing, encoding="utf-8")
+    found = model(designs.read(tmp_path / "pushing.toml"), "rigid bodies")
+    assert found == pytest.approx(model(sketch("parallelogram"), "rigid bodies"), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -87,6 +87,7 @@ class Plan:
             raise InputError("design", "plate.thickness", f"{1e3 * thick:g} mm", "must be more than 0 mm")
         by_axis = {each: list(self._ports(bodies, each)) for each in self.axes}
         for ports in by_axis.values():
+            _require_moving(ports)
             _require_apart(ports)
         found = by_axis[self.axis_of(axis)]
         return Drawing(bodies, flexures, tuple(port for port, _ in found), {p.name: body for p, body in found}, thick)
@@ -143,6 +144,17 @@ class Plan:
                     names.append(name)
                     at, normal = (float(middle[0]), float(middle[1]), 0.0), (float(way[0]), float(way[1]), 0.0)
                     yield Port(name, role, at, normal), body
+
+
+def _require_moving(ports: Sequence[tuple[Port, str]]) -> None:
+    """Refuse inputs that all lie on the ground, and such outputs: nothing could move there."""
+    grounds = {body: port.name for port, body in ports if port.role == "ground"}
+    for role in ("input", "output"):
+        own = [(port, body) for port, body in ports if port.role == role]
+        if own and all(body in grounds for _, body in own):
+            port, body = own[0]
+            remedy = f"is the ground (port {grounds[body]}) and stands still; name a body that flexures let move"
+            raise InputError("design", f"port.{port.name}.body", body, remedy)
 
 
 def _require_apart(ports: Sequence[tuple[Port, str]]) -> None:
