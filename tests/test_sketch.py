@@ -350,6 +350,9 @@ REFUSED = {
     "an output on the ground": (
         ('"output", body = "table"', '"output", body = "base"'), "port.output.body", "is the ground (port ground)",
     ),
+    "a leaf that rounding makes limp": (
+        ('thickness = "0.5 mm"', 'thickness = "0.5 um"'), "flexure.leaf.thickness", "on 20 mm of length: below 10 um",
+    ),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 
