@@ -353,6 +353,19 @@ REFUSED = {
     "a leaf that rounding makes limp": (
         ('thickness = "0.5 mm"', 'thickness = "0.5 um"'), "flexure.leaf.thickness", "on 20 mm of length: below 10 um",
     ),
+    "a dimension that is a force": (
+        ('thickness = "0.5 mm"', 'thickness = "0.5 N"'), "dimensions.thickness", "is in N; a dimension is a length",
+    ),
+    "a dimension of an unknown unit": (
+        ('thickness = "0.5 mm"', 'thickness = "0.5 mn2"'), "dimensions.thickness", "unknown unit 'mn2'",
+    ),
+    "a dimension that is no number": (
+        ('thickness = "0.5 mm"', "thickness = true"), "dimensions.thickness", "is not a number; a dimension is",
+    ),
+    "a dimension without its unit": (
+        ('thickness = "0.5 mm"', "thickness = 0.5"), "dimensions.thickness", "flexure.leaf.thickness = thickness needs",
+    ),
+    "an axis where none has a name": (("format = 1", 'format = 1\nactive_axis = "z"'), "active_axis", "leave it out"),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 

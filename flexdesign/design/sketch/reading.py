@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ KEYS = ("plate", "derived", "body", "flexure", "port", "active_axis")
 _WITH_UNIT = re.compile(rf"(?<![\w.])(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*({'|'.join(UNITS)})\b")
 #: What dimensions may be: SI unit, unit shown, largest magnitude.
 _KINDS = (("m", "mm", 1.0), ("rad", "deg", 2 * math.pi), ("1", "", 1e6))
+#: What arithmetic gives, by its SI unit: the word, and how one is written.
+_EXAMPLES = {"m": ("a length", "1.5 mm"), "rad": ("an angle", "30 deg")}
 
 
 def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Path) -> Plan:
@@ -56,6 +59,8 @@ def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Pat
     known = {name: _dimension(name, value, path) for name, value in dimensions.items()}
     values = {name: units.quantity(1.0, unit) for name, (unit, _) in UNITS.items()}
     values |= {p.name: units.quantity(p.start, p.si) for p in known.values()}
+    named = {f"dimensions.{name}": given for name, given in dimensions.items()}
+    named |= {f"derived.{name}": text for name, text in tables.derived.items()}
     expressions: dict[str, Expression] = {}
     for name, text in tables.derived.items():
         _require_new(name, values, path)
@@ -66,10 +71,11 @@ def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Pat
     for where, text, si in _texts(tables, path):
         formula, value = _understood(text, values, path, where)
         if not (value.magnitude == 0 and not f"{value.units:~C}"):  # a bare 0 is any nothing
-            _require_unit(value, si, path, where, text)
+            pure = _pure_name(formula, value, values)
+            field = next((field for field in named if field.partition(".")[2] == pure), where)
+            _require_unit(value, si, path, where, text, (field, named.get(field)))
         expressions[where] = Expression(formula, where)
-    named = {f"dimensions.{name}": given for name, given in dimensions.items()}
-    _require_used(expressions, named | {f"derived.{name}": text for name, text in tables.derived.items()}, path)
+    _require_used(expressions, named, path)
     plan = Plan(tables, tuple(known.values()), expressions)
     _require_axes(plan, path)
     return plan
@@ -103,7 +109,9 @@ def _require_axes(plan: Plan, path: Path) -> None:
             raise InputError(path, "port.axis", None, f'no input has the axis "{axis}" of this output; add one')
     active = plan.tables.active_axis
     if active and active not in names:
-        raise InputError(path, "active_axis", active, f"no output has this axis{suggest(active, names)}")
+        unnamed = f'; leave it out, or write axis = "{active}" in the output and its input'
+        remedy = f"no output has this axis{suggest(active, names) if any(names) else unnamed}"
+        raise InputError(path, "active_axis", active, remedy)
 
 
 def _dimension(name: str, given: object, path: Path) -> Parameter:
@@ -115,10 +123,12 @@ def _dimension(name: str, given: object, path: Path) -> Parameter:
         try:
             value = units.from_text(given, si)
         except ValueError as error:
-            why = error
+            why = str(error).partition(";")[0]
             continue
         return Parameter(name, si, unit, name.replace("_", " "), start=value, plausible=(-most, most))
-    remedy = f"{why}; a dimension is a length, an angle or a pure number" if given is not None else "is empty"
+    with suppress(ValueError):  # else what the last kind says of it is true: it is no number, or has no known unit
+        why = f"is in {units.quantity_from_text(given).units:~C}"
+    remedy = f'{why}; a dimension is a length ("1.5 mm"), an angle ("30 deg") or a pure number (3)'
     raise InputError(path, f"dimensions.{name}", as_written(given), remedy)
 
 
@@ -182,10 +192,22 @@ def _understood(
         raise InputError(path, where, as_written(text), str(error)) from None
 
 
-def _require_unit(value: Any, si: str, path: Path, where: str, text: Text) -> None:
-    kind = {"m": "length", "rad": "angle"}[si]
+def _pure_name(formula: arithmetic.Formula, value: Any, known: Mapping[str, Any]) -> str | None:
+    """Return the one name of a formula that is a pure number if both are: it may be what lacks a unit."""
+    names = [name for name in formula.names if name not in UNITS]
+    pure = not f"{value.units:~C}" and len(names) == 1 and not f"{known[names[0]].units:~C}"
+    return names[0] if pure else None
+
+
+def _require_unit(value: Any, si: str, path: Path, where: str, text: Text, to_blame: tuple[str, object]) -> None:
+    """Refuse what is not in the unit that is needed where it stands; `to_blame` may be a dimension instead."""
+    kind, example = _EXAMPLES[si]
+    field, given = to_blame
     pure = not f"{value.units:~C}"
+    if pure and field != where:
+        remedy = f'is a pure number, and {where} = {text} needs {kind}; write for example "{example}"'
+        raise InputError(path, field, as_written(given), remedy)
     if pure or not value.is_compatible_with(si):
         found = "a pure number" if pure else f"in {value.units:~C}"
-        remedy = f'is {found}, not a {kind}; write for example "{units.example(si) if si == "m" else "30 deg"}"'
+        remedy = f'is {found}, not {kind}; write for example "{example}"'
         raise InputError(path, where, as_written(text), remedy)
