@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -299,9 +299,10 @@ def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: s
             raise InputError(path, table, None, first["msg"].removeprefix("Value error, ")) from None
         field, (owner, annotation) = ".".join([*([table] if table else []), *place]), _field(schema, place)
         written = "" if place[-1].isdecimal() else f"{place[-1]} = "
+        known = [each.alias or name for name, each in owner.model_fields.items()]
         remedy = {
             "missing": f"is missing; {_how(place[-1], annotation)}",
-            "extra_forbidden": f"is not a known key{suggest(place[-1], list(owner.model_fields))}",
+            "extra_forbidden": f"is not a known key{suggest(place[-1], known)}",
             "string_type": f'expected text: {written}"..."',
             "dict_type": f"expected a table: [{field}]",
             "model_type": f"expected a table: [{field}]",
@@ -317,7 +318,7 @@ def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: s
 def _field(schema: type[BaseModel], place: Sequence[str]) -> tuple[type[BaseModel], FieldInfo | None]:
     """Return the table in which a place lies, and what is known of the field there."""
     *tables, last = place
-    for name in tables:
+    for name in [each for each in tables if not each.isdecimal()]:  # items of a list are of its own type
         field = schema.model_fields.get(name)
         options = [field.annotation, *getattr(field.annotation, "__args__", ())] if field else []
         inner = next((o for o in options if isinstance(o, type) and issubclass(o, BaseModel)), None)
@@ -343,6 +344,8 @@ def _required_keys(schema: type[BaseModel]) -> list[str]:
 
 def _how(name: str, field: FieldInfo | None) -> str:
     """Return how a field is written."""
+    if name.isdecimal():
+        return "add it to the list"
     bounds = next((m for m in field.metadata if isinstance(m, Bounds)), None) if field else None
     if name == "format":
         return f"write format = {FORMAT}"
@@ -352,10 +355,16 @@ def _how(name: str, field: FieldInfo | None) -> str:
         return f'write for example {name} = "{units.example(bounds.si)}"'
     if bounds:
         return f"write {name} = ..., {bounds}"
-    if field and field.annotation is not str and name != "material":
+    if field and _is_table(field.annotation):
         return f"write a table: [{name}]"
+    if field and get_origin(field.annotation) is Literal:
+        return f'write {name} = "{get_args(field.annotation)[0]}"'
     example = {"part": "bridge_amplifier", "design": "bridge_amplifier", "material": "AZ31B"}
     return f'write for example {name} = "{example.get(name, "...")}"'
+
+
+def _is_table(kind: Any) -> bool:
+    return get_origin(kind) is dict or (isinstance(kind, type) and issubclass(kind, BaseModel))
 
 
 def _literal(text: str) -> Any:

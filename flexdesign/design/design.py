@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, create_model
 
 from flexdesign.core import data_files, toml_files, toml_writing
 from flexdesign.core.errors import InputError, suggest
@@ -92,6 +92,11 @@ class _DesignFile(Table):
     actuator: Actuator | None = None
     tolerances: Tolerances = Field(default_factory=Tolerances)
     effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+#: A design that draws its part itself; `sketch.read` checks what is in these keys.
+_SKETCHED: dict[str, Any] = dict.fromkeys(sketch.KEYS, (Any, None))
+_SketchFile = create_model("_SketchFile", __base__=_DesignFile, **_SKETCHED)
 
 
 @dataclass(frozen=True)
@@ -212,10 +217,12 @@ def read(path: Path, overrides: Sequence[str] = ()) -> Design:
 
 def _read(path: Path, overrides: Sequence[str]) -> Design:
     content = read_toml(path, overrides)
-    sketched = {key: content.pop(key) for key in sketch.KEYS if key in content} if _is_sketch(content) else {}
-    checked = check(_DesignFile, content, path)
+    if _is_sketch(content) and "ports" in content:
+        raise InputError(path, "ports", None, "belong to a part from a STEP file; of a sketch write port = [...]")
+    checked = check(_SketchFile if _is_sketch(content) else _DesignFile, content, path)
     part_class = _part_class(checked, path)
     if _is_sketch(content):
+        sketched = {key: content[key] for key in sketch.KEYS if key in content}
         part_class = part_class.planned(sketch.read(sketched, checked.dimensions, path))
     dimensions = _dimensions(part_class, checked.dimensions, path)
     design = Design(

@@ -29,7 +29,7 @@ class PlateTable(Table):
 class BodyTable(Repeated):
     """A body: a box by two opposite corners, or a polygon by its corners in turn."""
 
-    name: str
+    name: str = Field(examples=['name = "table"'])
     box: tuple[Text, Text, Text, Text] | None = None
     polygon: list[tuple[Text, Text]] | None = None
 
@@ -37,14 +37,14 @@ class BodyTable(Repeated):
 class FlexureTable(Repeated):
     """A flexure by its two ends, or by its middle, direction and length."""
 
-    name: str
-    between: tuple[str, str]
+    name: str = Field(examples=['name = "leaf"'])
+    between: tuple[str, str] = Field(examples=['between = ["base", "table"]'])
     start: tuple[Text, Text] | None = Field(default=None, alias="from")
     end: tuple[Text, Text] | None = Field(default=None, alias="to")
     at: tuple[Text, Text] | None = None
     direction: Text = "0 deg"
     length: Text | None = None
-    thickness: Text
+    thickness: Text = Field(examples=['thickness = "0.5 mm"'])
     profile: Literal["leaf", "circular", "elliptic", "parabolic", "v"] = "leaf"
     depth: Text | None = None
     fillet: Text = 0
@@ -54,9 +54,9 @@ class FlexureTable(Repeated):
 class PortTable(Repeated):
     """A port: the outermost straight side of a body in a direction."""
 
-    role: Literal["ground", "input", "output"]
-    body: str
-    side: Literal["-x", "+x", "-y", "+y"]
+    role: Literal["ground", "input", "output"] = Field(examples=['role = "input"'])
+    body: str = Field(examples=['body = "table"'])
+    side: Literal["-x", "+x", "-y", "+y"] = Field(examples=['side = "-x"'])
     name: str = ""
     axis: str | list[str] = ""
 
@@ -69,11 +69,17 @@ class PortTable(Repeated):
 class SketchTables(Table):
     """All of them."""
 
-    plate: PlateTable
+    plate: PlateTable = Field(examples=['[plate], and below it thickness = "12 mm"'])
     derived: dict[str, Text] = Field(default_factory=dict)
-    body: list[BodyTable]
-    flexure: list[FlexureTable]
-    port: list[PortTable]
+    body: list[BodyTable] = Field(
+        examples=['body = [{ name = "base", box = ["0 mm", "0 mm", "30 mm", "10 mm"] }], one { } for each']
+    )
+    flexure: list[FlexureTable] = Field(
+        examples=['flexure = [{ name = "leaf", between = [...], from = [...], to = [...], thickness = "0.5 mm" }]']
+    )
+    port: list[PortTable] = Field(
+        examples=['port = [{ role = "input", body = "table", side = "-x" }], one { } for each']
+    )
     active_axis: str = ""
 
     def of_role(self, role: str) -> list[PortTable]:
