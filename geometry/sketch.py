@@ -47,6 +47,16 @@ class Sketch:
         """Return the section by its corners; None with notches or fillets."""
         return self.section.outline()
 
+    def notes(self) -> tuple[str, ...]:
+        """Return which leaves are too stout for the models."""
+        stout = [
+            f"{flexure.name} ({1e3 * flexure.thickness:.4g} mm thick on {1e3 * flexure.length:.4g} mm of length)"
+            for flexure in self.drawing.stout_leaves()
+        ]
+        if not stout:
+            return ()
+        return (f"The models take flexures for slender beams, which these are not: {', '.join(stout)}. Trust FEM.",)
+
     def prismatic(self) -> Axis:
         """Return z: the mechanism is cut from a plate."""
         return "z"

@@ -459,6 +459,19 @@ def test_a_cutter_gets_both_sides_of_a_notch(profile: str, kind: str, tmp_path: 
     assert right.extmin.x - left.extmax.x == pytest.approx(1e3 * design.dimensions["neck"], rel=2e-2)
 
 
+def test_the_report_names_leaves_that_are_no_beams() -> None:
+    from types import SimpleNamespace
+
+    from flexdesign.report.validation import validation_report
+
+    for thickness, named in (("0.5 mm", False), ("25 mm", True)):
+        design = sketch("parallelogram", f"dimensions.thickness={thickness}")
+        told = SimpleNamespace(domain=SimpleNamespace(thin=None), study=SimpleNamespace(design=design))
+        notes = " ".join(validation_report._solid(told).paragraphs)  # type: ignore[arg-type]
+        assert ("leaf (25 mm thick on 20 mm of length), leaf_x" in notes) == named == bool(notes)
+    assert not sketch("bridge").part().notes()  # type: ignore[attr-defined]  # a stout rod hardly gives way
+
+
 def test_a_dimension_that_makes_no_mechanism_is_refused_with_its_place() -> None:
     with pytest.raises(InputError, match="overlaps the flexure"):
         sketch("parallelogram", "dimensions.spacing=0.3 mm")

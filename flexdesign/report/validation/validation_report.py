@@ -365,12 +365,12 @@ def _formulas(validation: Validation) -> Section:
 
 
 def _solid(validation: Validation) -> Section:
-    """Return what was done to a solid that was read from a file, and what is thin on it."""
+    """Return what a part notes of itself, such as what was done to a solid from a file, and what is thin on it."""
     thin, design = validation.domain.thin, validation.study.design
-    if thin is None:
-        return Section("The solid")
     part = design.part()
     notes: list[str] = list(getattr(part, "notes", tuple)())
+    if thin is None:
+        return Section("The solid", notes)
     text = (
         "The part names no hinges. Its thickness was measured on the solid, by rays from its faces to the faces "
         f"across; the mesh is graded by it. The thinnest place has {units.to_text(thin.thinnest, 'mm', si='m')}."
