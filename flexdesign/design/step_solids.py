@@ -172,13 +172,16 @@ def valid(solid: Any, path: Path) -> tuple[Any, list[str]]:
     if solid.Volume() <= 0:
         raise InputError(path, "", None, "the solid has no volume; export the part as a solid body")
     if pair := _crossing(solid):
-        remedy = f"the solid's boundary crosses itself ({pair}); repair it in the CAD program"
+        remedy = (
+            f"the solid's boundary crosses itself ({pair}); there change the feature that runs into itself or another"
+        )
+        remedy += ", such as a thread, a fillet or a cut, and export anew"
         raise InputError(path, "", None, remedy)
     return solid, notes
 
 
 def _crossing(solid: Any) -> str:
-    """Say which faces cross; empty if none do."""
+    """Say which faces cross and between which corners of a box; empty if none do."""
     from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer, BOPAlgo_CheckStatus
 
     analyzer = BOPAlgo_ArgumentAnalyzer()
@@ -193,7 +196,11 @@ def _crossing(solid: Any) -> str:
             continue
         shapes = [_cast(shape) for shape in (*result.GetFaultyShapes1(), *result.GetFaultyShapes2())]
         found = sorted({i for shape in shapes for i, face in enumerate(faces) if face.isSame(shape)})
-        return f"faces {' and '.join(f'{i + 1}' for i in found)}" if found else "at an edge"
+        boxes = [shape.BoundingBox() for shape in shapes]  # where they cross lies in all of them
+        low = ", ".join(f"{round(max(getattr(box, f'{axis}min') for box in boxes), 3) + 0.0:g}" for axis in "xyz")
+        high = ", ".join(f"{round(min(getattr(box, f'{axis}max') for box in boxes), 3) + 0.0:g}" for axis in "xyz")
+        what = f"{'faces' if len(found) > 1 else 'face'} {' and '.join(f'{i + 1}' for i in found)}, " if found else ""
+        return f"{what}between ({low}) and ({high}) mm"
     return ""
 
 
