@@ -173,9 +173,9 @@ def valid(solid: Any, path: Path) -> tuple[Any, list[str]]:
         raise InputError(path, "", None, "the solid has no volume; export the part as a solid body")
     if pair := _crossing(solid):
         remedy = (
-            f"the solid's boundary crosses itself ({pair}); there change the feature that runs into itself or another"
+            f"the solid's boundary crosses itself ({pair}); there change the feature that runs into itself or another, "
+            "such as a thread, a fillet or a cut, and export anew"
         )
-        remedy += ", such as a thread, a fillet or a cut, and export anew"
         raise InputError(path, "", None, remedy)
     return solid, notes
 
@@ -196,6 +196,8 @@ def _crossing(solid: Any) -> str:
             continue
         shapes = [_cast(shape) for shape in (*result.GetFaultyShapes1(), *result.GetFaultyShapes2())]
         found = sorted({i for shape in shapes for i, face in enumerate(faces) if face.isSame(shape)})
+        if not shapes:
+            return "at an unknown place"
         boxes = [shape.BoundingBox() for shape in shapes]  # where they cross lies in all of them
         low = ", ".join(f"{round(max(getattr(box, f'{axis}min') for box in boxes), 3) + 0.0:g}" for axis in "xyz")
         high = ", ".join(f"{round(min(getattr(box, f'{axis}max') for box in boxes), 3) + 0.0:g}" for axis in "xyz")
