@@ -230,7 +230,7 @@ def make_mesh(
         If none passes.
     """
     asked = method.question(coarseness)
-    question = content_key(engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
+    question = content_key(engine(), body.fingerprint, body.joined, *asked, versions.installed(LIBRARIES))
     stored = cache.load("mesh", question)
     if stored is not None:
         tagged = TaggedMesh(**stored[0], mesher=str(stored[1].get("mesher", "")))

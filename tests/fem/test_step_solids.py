@@ -16,6 +16,7 @@ from flexdesign.design import part as parts
 from flexdesign.design import study as studies
 from flexdesign.fem import analysis, convergence, mesh_refinement
 from flexdesign.fem.meshing import conforming, domain, local_thickness, methods, thin_regions
+from flexdesign.fem.meshing.local_extrusion import LocalExtrusion
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading
@@ -132,6 +133,26 @@ def test_a_mesh_of_netgen_that_the_gate_refuses_is_made_once(
     with pytest.raises(MeshError, match="thin_1"):
         mesh_refinement.make_mesh(method, body, 4.0, [], Cache(tmp_path / "cache"), said.append)
     assert len(said) == 1 and said[0].startswith("meshing with")
+
+
+@pytest.mark.parametrize("extruded", [True, False])
+def test_a_kept_mesh_is_not_taken_for_one_whose_faces_are_other_ports(tmp_path: Path, extruded: bool) -> None:
+    """Two feet, of which one is the ground or both are: the facets of both then count for the first."""
+    feet = cq.Workplane().box(10, 8, 4).cut(cq.Workplane().box(9, 3, 4).translate((-0.5, 0, 0)))
+    cq.exporters.export(feet, str(tmp_path / "leaf.step"))
+    one = 'ports.ground={point = ["-5 mm", "3 mm", "0 mm"], normal = [-1, 0, 0]}'
+    both, single = study_of(tmp_path, "rigid"), study_of(tmp_path, "rigid", one)
+    cache = Cache(tmp_path / "cache")
+    counts = []
+    for asked in (single, both, single):
+        part = asked.design.part()
+        body = domain.of_part(part, symmetric=False, chord=domain.chord(part))
+        body = body if extruded else replace(body, extrusion=None)
+        method = mesh_refinement.method_of(asked, part, body)
+        assert type(method) is (LocalExtrusion if extruded else LocalThickness)
+        mesh, _ = mesh_refinement.make_mesh(method, body, 4.0, [], cache, lambda _: None)
+        counts.append(np.count_nonzero(mesh.faces == body.ports["ground"]))
+    assert counts[1] == 2 * counts[0] == 2 * counts[2]
 
 
 @pytest.mark.slow
