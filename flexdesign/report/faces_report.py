@@ -13,7 +13,8 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.toml_files import FORMAT, quote
 from flexdesign.design.faces import SolidFace, how_to_name, in_mm
 from flexdesign.design.step_file import StepBody
-from flexdesign.fem.meshing.thin_regions import Surface, ThinRegions, surface_of
+from flexdesign.fem.meshing.surface import Surface, surface_of
+from flexdesign.fem.meshing.thin_regions import ThinRegions
 from flexdesign.report import pictures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import Picture, draw_or_explain

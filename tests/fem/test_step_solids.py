@@ -93,6 +93,33 @@ def test_places_lie_all_along_a_long_neck() -> None:
     assert np.diff(np.sort(found.points[found.chosen[0], 2])).max() < found.hinges[0].thickness
 
 
+def test_places_alone_are_no_hinge_and_hide_none() -> None:
+    """A step of a micrometre along an edge of 0.4 m, at places too far apart to hang together, beside a leaf."""
+    step = np.column_stack([np.arange(400) * 1e-3, np.full(400, 0.1), np.zeros(400)])
+    x, y = (side.ravel() for side in np.meshgrid(np.arange(10) * 1e-4, np.arange(20) * 1e-4))
+    points = np.vstack([step, np.column_stack([x, y, np.zeros(200)])])
+    thickness = np.repeat([1e-6, 2e-4], [400, 200])
+    (hinge,), (chosen,) = thin_regions.gather_hinges(points, np.tile([0.0, 0.0, 1.0], (600, 1)), thickness, 0.01)
+    assert hinge.thickness == 2e-4
+    assert chosen.tolist() == list(range(400, 600))
+
+
+def test_a_sliver_does_not_grade_the_mesh() -> None:
+    """The head overhangs its layer of a micrometre by half of one, along 6 mm."""
+    layer = cq.Workplane().box(1e-3, 6, 4).translate((5.0, 5e-4, 0))
+    found = thin_regions.find(cq.Workplane(leaf().solid()).union(layer).val())
+    assert len(found.slivers) and found.slivers.max() < 2e-6
+    assert found.thinnest == found.hinges[0].thickness == pytest.approx(SHAPE["thickness"], rel=1e-6)
+
+
+@pytest.mark.parametrize("long", [20, 5])
+def test_the_length_of_a_leaf_runs_from_body_to_body(long: float) -> None:
+    ends = cq.Workplane().pushPoints([(-long / 2 - 3, 0), (long / 2 + 3, 0)]).box(6, 8, 10)
+    (hinge,) = thin_regions.find(ends.union(cq.Workplane().box(long, 0.5, 10)).val()).hinges
+    assert abs(hinge.axis[0]) == pytest.approx(1, abs=1e-3)
+    assert (hinge.length, hinge.width) == pytest.approx((1e-3 * long, 10e-3), rel=0.1)
+
+
 @pytest.fixture(scope="module")
 def netgen(tmp_path_factory: pytest.TempPathFactory) -> tuple[domain.Domain, LocalThickness, TaggedMesh]:
     """Domain and method of the leaf, and a coarse mesh."""

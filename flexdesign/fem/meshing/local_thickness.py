@@ -31,7 +31,8 @@ from flexdesign.fem.meshing import conforming, methods
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, signed_volumes, tetrahedralize
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
-from flexdesign.fem.meshing.thin_regions import Rays, ThinRegions
+from flexdesign.fem.meshing.surface import Rays
+from flexdesign.fem.meshing.thin_regions import ThinRegions
 
 FloatArray = NDArray[np.float64]
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flexdesign.core.model import Member
+from flexdesign.fem.meshing.surface import Rays, Surface, surface_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -30,6 +31,8 @@ MOST_OF_IT = 0.75
 #: Hinges are thinner than this part of the thickness of the body, and than that of their own neck
 #: times the second number; places of one hinge are no farther apart than the third, in thicknesses.
 HINGE, OF_NECK, APART = 0.25, 1.5, 2.0
+#: Fewer places are no hinge.
+FEWEST = 4
 #: Chord error of the triangles by which thickness is measured, in the smallest thickness: with 1e-2 necks seemed 1 %
 #: thicker than they are, and true meshes were refused.
 TRUE = 5e-4
@@ -55,6 +58,8 @@ class ThinRegions:
         What is thin against the rest: members with thickness, length and width, for the report and the gate.
     chosen
         For each hinge, which places are on it, by index.
+    slivers
+        Thickness of places that were left out, shape (s,) [m]: thinner than every hinge, and too few to be one.
     """
 
     points: FloatArray
@@ -65,6 +70,7 @@ class ThinRegions:
     at_roots: FloatArray
     hinges: tuple[Member, ...] = ()
     chosen: tuple[IntArray, ...] = field(default=(), repr=False)
+    slivers: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
 
     def middles_of_hinges(self) -> tuple[FloatArray, FloatArray]:
         """Return places half-way across the hinges, shape (k, 3) [m], and the thickness there, shape (k,) [m].
@@ -95,98 +101,6 @@ class ThinRegions:
         return float(self.thickness.min())
 
 
-@dataclass(frozen=True)
-class Surface:
-    """Triangles of a closed surface, and the face each lies on.
-
-    Parameters
-    ----------
-    points, triangles
-        Shapes (n, 3) [m] and (m, 3), seen from outside counter-clockwise.
-    owners
-        Index of the face of each triangle, shape (m,).
-    normals
-        Outward unit normal of each face where it is plane, NaN elsewhere, shape (faces, 3).
-    radii
-        Of each face that is a cylinder [m]; infinite elsewhere, shape (faces,).
-    """
-
-    points: FloatArray
-    triangles: IntArray
-    owners: IntArray
-    normals: FloatArray
-    radii: FloatArray
-
-    @property
-    def corners(self) -> FloatArray:
-        """Shape (m, 3, 3) [m]."""
-        return self.points[self.triangles]
-
-    @property
-    def outward(self) -> FloatArray:
-        """Unit normal of each triangle, shape (m, 3)."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        normal = np.cross(b - a, c - a)
-        return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None])
-
-    @property
-    def size(self) -> float:
-        """Diagonal of the bounding box [m]."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
-
-
-class Rays:
-    """Casts rays at triangles."""
-
-    def __init__(self, points: FloatArray, triangles: IntArray) -> None:
-        import pyvista as pv
-        from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
-
-        self._mesh = pv.PolyData.from_regular_faces(points, triangles)
-        self._locator: Any = vtkStaticCellLocator()  # its declared types know no references
-        self._locator.SetDataSet(self._mesh)
-        self._locator.BuildLocator()
-        self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
-
-    def first(self, start: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return how far each ray goes until it meets a triangle [m], infinite for none, and which one, -1 for none."""
-        from vtkmodules.vtkCommonCore import mutable
-
-        reach: Any = mutable(0.0)
-        cell, which = mutable(0), mutable(0)
-        place, local = [0.0] * 3, [0.0] * 3
-        far, hit = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int64)
-        ends = start + self._size * way
-        for i, (a, b) in enumerate(zip(start.tolist(), ends.tolist(), strict=True)):
-            if self._locator.IntersectWithLine(a, b, 1e-12 * self._size, reach, place, local, which, cell):
-                far[i], hit[i] = float(reach) * self._size, int(cell)
-        return far, hit
-
-
-def surface_of(solid: Any, chord: float) -> Surface:
-    """Return the triangles of a CadQuery solid [mm], no farther than a chord [m] from its curved faces."""
-    from OCP.BRepAdaptor import BRepAdaptor_Surface
-
-    mm, points, triangles, owners, normals, radii, base = 1e-3, [], [], [], [], [], 0
-    for index, face in enumerate(solid.Faces()):
-        vertices, corners = face.tessellate(chord / mm, 0.2)
-        points.append(np.array([v.toTuple() for v in vertices]).reshape(-1, 3) * mm)
-        triangles.append(np.array(corners, dtype=np.int64).reshape(-1, 3) + base)
-        owners.append(np.full(len(corners), index))
-        base += len(vertices)
-        kind = face.geomType()
-        normals.append(face.normalAt().toTuple() if kind == "PLANE" else (np.nan,) * 3)
-        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder() if kind == "CYLINDER" else None
-        radii.append(cylinder.Radius() * mm if cylinder else np.inf)
-    stacked = np.vstack(points)
-    _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
-    welded = inverse.reshape(-1)[np.vstack(triangles)]
-    proper = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
-    return Surface(
-        stacked[first], welded[proper], np.concatenate(owners)[proper], np.array(normals), np.array(radii, dtype=float)
-    )
-
-
 def find(solid: Any) -> ThinRegions:
     """Find what is thin on a CadQuery solid [mm].
 
@@ -204,11 +118,18 @@ def find(solid: Any) -> ThinRegions:
     wanted = np.clip(0.4 * (seen[2][nearest] + away), 1e-4 * fine.size, spacing)
     points, owners = _places(fine, wanted)
     rays = Rays(fine.points, fine.triangles)
-    places, inward, thickness, curved = _measure(fine, rays, points, owners)
-    roots, at_roots = _reentrant(fine, places, thickness)
-    found = ThinRegions(places, inward, thickness, curved, roots, at_roots)
-    hinges, chosen = _hinges(found, float(np.quantile(seen[2], MOST_OF_IT)))
-    return replace(found, hinges=hinges, chosen=chosen)
+    measured = _measure(fine, rays, points, owners)
+    places, inward, thickness, curved = measured
+    body = float(np.quantile(seen[2], MOST_OF_IT))
+    hinges, chosen = gather_hinges(places, inward, thickness, body)
+    is_sliver = thickness < min((hinge.thickness for hinge in hinges), default=0.0)
+    slivers = thickness[is_sliver]
+    if len(slivers):
+        places, inward, thickness, curved = (each[~is_sliver] for each in measured)
+        hinges, chosen = gather_hinges(places, inward, thickness, body)
+    roots = _reentrant(fine, places, thickness)
+    hinges = tuple(_lengthwise(hinge, inward[on], rays) for hinge, on in zip(hinges, chosen, strict=True))
+    return ThinRegions(places, inward, thickness, curved, *roots, hinges, chosen, slivers)
 
 
 def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -299,45 +220,68 @@ def _reentrant(surface: Surface, places: FloatArray, thickness: FloatArray) -> t
 # --- hinges -----------------------------------------------------------------------------------------------------
 
 
-def _hinges(found: ThinRegions, body: float) -> tuple[tuple[Member, ...], tuple[IntArray, ...]]:
-    """Gather the thinnest places to hinges: the thinnest first, with all that is about as thin and hangs together."""
-    left = found.thickness < HINGE * body
-    middles = found.points + found.inward * found.thickness[:, None] / 2
+def gather_hinges(
+    points: FloatArray, inward: FloatArray, thickness: FloatArray, body: float
+) -> tuple[tuple[Member, ...], tuple[IntArray, ...]]:
+    """Gather the thinnest places to hinges: the thinnest first, with all that is about as thin and hangs together.
+
+    Parameters
+    ----------
+    points, inward, thickness
+        As of `ThinRegions`.
+    body
+        Thickness of the body [m].
+
+    Returns
+    -------
+    tuple
+        The hinges, and for each which places are on it, by index. Fewer places than `FEWEST` that hang together are
+        passed over: a step of a micrometre between two faces has hundreds of them.
+    """
+    left = thickness < HINGE * body
+    middles = points + inward * thickness[:, None] / 2
+    tree = cKDTree(middles)
     members: list[Member] = []
     chosen: list[IntArray] = []
-    for _ in range(200):
-        if not left.any():
-            break
-        thinnest = np.flatnonzero(left)[np.argmin(found.thickness[left])]
-        neck = float(found.thickness[thinnest])
-        alike = np.flatnonzero(left & (found.thickness < OF_NECK * neck))
-        group = alike[_connected_points(middles[alike], alike.tolist().index(thinnest), APART * neck)]
+    for thinnest in np.argsort(thickness, kind="stable").tolist():
+        if not left[thinnest]:
+            continue
+        neck = float(thickness[thinnest])
+        group = _connected_places(tree, thinnest, left & (thickness < OF_NECK * neck), APART * neck)
         left[group] = False
+        if len(group) < FEWEST:
+            left[_within(tree, group, 2 * APART * neck)] = False
+            continue
         around = np.flatnonzero(left)
         if len(around):  # what runs out into it is no other hinge
             away, _ = cKDTree(middles[group]).query(middles[around])
             left[around[away < 2 * APART * neck]] = False
-        if len(group) >= 4:
-            members.append(_member(f"thin_{len(members) + 1}", middles[group], found.inward[group], neck))
-            chosen.append(group)
+        members.append(_member(f"thin_{len(members) + 1}", middles[group], inward[group], neck))
+        chosen.append(group)
     return tuple(members), tuple(chosen)
 
 
-def _connected_points(points: FloatArray, start: int, reach: float) -> IntArray:
-    """Return the indices of points that hang together with one of them, no step longer than a reach [m]."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
+def _connected_places(tree: Any, start: int, allowed: BoolArray, reach: float) -> IntArray:
+    """Return the indices of allowed places that hang together with one of them, no step longer than a reach [m]."""
+    left = allowed.copy()
+    left[start] = False
+    steps = [np.array([start])]
+    while len(steps[-1]):
+        near = _within(tree, steps[-1], reach)
+        steps.append(near[left[near]])
+        left[steps[-1]] = False
+    return np.sort(np.concatenate(steps))
 
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    _, label = connected_components(graph, directed=False)
-    return np.flatnonzero(label == label[start])
+
+def _within(tree: Any, places: IntArray, reach: float) -> IntArray:
+    """Return the indices of what is no farther from any of some places than a reach [m]."""
+    return np.unique(np.concatenate(tree.query_ball_point(tree.data[places], reach)).astype(np.int64))
 
 
 def _member(name: str, middles: FloatArray, inward: FloatArray, neck: float) -> Member:
     """Return a hinge as a member: along the shorter way of its middle surface, as wide as the longer one."""
     centre = middles.mean(axis=0)
-    across = np.linalg.eigh(inward.T @ inward)[1][:, -1]
+    across = main_direction(inward)
     flat = (middles - centre) - np.outer((middles - centre) @ across, across)
     ways = np.linalg.svd(flat, full_matrices=False)[2][:2]
     low, high = (np.stack([f(flat @ way, axis=0) for way in ways]) for f in (np.min, np.max))
@@ -348,6 +292,23 @@ def _member(name: str, middles: FloatArray, inward: FloatArray, neck: float) -> 
     return Member(
         name, "hinge", ("", ""), tuple(centre - half), tuple(centre + half), neck, max(float(spans[1 - short]), neck)
     )
+
+
+def _lengthwise(hinge: Member, inward: FloatArray, rays: Rays) -> Member:
+    """Return a hinge along its longer way if the solid ends at its sides there and goes on beyond its ends."""
+    centre, along, half = np.array(hinge.centre), np.array(hinge.axis), (hinge.length / 2, hinge.width / 2)
+    aside = np.cross(along, main_direction(inward))
+    reach, _ = rays.first(np.tile(centre, (4, 1)), np.array([along, -along, aside, -aside]))
+    goes_on = reach > np.repeat(half, 2) + hinge.thickness
+    if goes_on[:2].any() or not goes_on[2:].all():
+        return hinge
+    start, end = (tuple((centre + sign * half[1] * aside).tolist()) for sign in (-1, 1))
+    return replace(hinge, start=start, end=end, width=hinge.length)
+
+
+def main_direction(ways: FloatArray) -> FloatArray:
+    """Return the unit vector that unit vectors (n, 3) are most parallel to, whichever way they point."""
+    return np.asarray(np.linalg.eigh(ways.T @ ways)[1][:, -1])
 
 
 def describe(hinges: Sequence[Member]) -> list[str]:

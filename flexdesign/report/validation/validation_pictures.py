@@ -13,7 +13,7 @@ from flexdesign.core.model import Member
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.meshing.mesh import mirror_mesh
-from flexdesign.fem.meshing.thin_regions import ThinRegions
+from flexdesign.fem.meshing.thin_regions import ThinRegions, main_direction
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
 from flexdesign.report.pictures import Picture, Reel, Shot
@@ -145,14 +145,13 @@ def _cut_hinge(thin: ThinRegions, points: FloatArray, cells: IntArray) -> tuple[
     """
     index = int(np.argmin([hinge.thickness for hinge in thin.hinges]))
     hinge, inward = thin.hinges[index], thin.inward[thin.chosen[index]]
-    centre, across = np.array(hinge.centre), np.linalg.eigh(inward.T @ inward)[1][:, -1]
-    toward = np.cross(hinge.axis, across)
+    centre, toward = np.array(hinge.centre), np.cross(hinge.axis, main_direction(inward))
     toward = toward if toward @ (0.45, 0.55, 1.0) >= 0 else -toward
     behind = (points[cells].mean(axis=1) - centre) @ toward <= 0
     x, y, z = map(float, toward)
     view = Picture(
         "mesh_hinge.png", points, cells[behind], edges=True, view=(x, y, z),
-        focus=(hinge.centre, 4 * max(hinge.length, hinge.thickness)),
+        focus=(hinge.centre, max(0.8 * hinge.length, 12 * hinge.thickness)),
     )  # fmt: skip
     return view, f"The mesh at {hinge.name}, cut through the middle of its width"
 

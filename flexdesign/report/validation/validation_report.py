@@ -10,8 +10,7 @@ from typing import Any
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.serialise import header, with_unit
-from flexdesign.design.faces import in_mm
-from flexdesign.design.part import in_file, states
+from flexdesign.design.part import states
 from flexdesign.dynamics.experiments.simulation import stage_model_cautions
 from flexdesign.fem import quantities
 from flexdesign.fem.solving.statics import PortCompliance
@@ -25,6 +24,7 @@ from flexdesign.report.validation import (
     hierarchy_section,
     independent_text,
     port_section,
+    solid_section,
     table_1,
     table_motion,
     validation_pictures,
@@ -127,7 +127,7 @@ def _sections(validation: Validation, progress: Progress) -> list[Section]:
         cross_check_text.section(validation.cross_check),
         independent_text.section(validation.independent),
         _formulas(validation),
-        _solid(validation),
+        solid_section.section(validation),
         _inputs(validation),
     ]
     return [s for s in sections if s.tables or s.figures or s.paragraphs]
@@ -362,29 +362,6 @@ def _formulas(validation: Validation) -> Section:
     text = f"At an actuator force of {units.to_text(force, 'N')} ({boundary}), with the output free."
     table = Table(["symbol", "value", "boundary", "equation"], rows)
     return Section("The pseudo-rigid-body model, step by step", [text], [table], folded=True)
-
-
-def _solid(validation: Validation) -> Section:
-    """Return what a part notes of itself, such as what was done to a solid from a file, and what is thin on it."""
-    thin, design = validation.domain.thin, validation.study.design
-    part = design.part()
-    notes: list[str] = list(getattr(part, "notes", tuple)())
-    if thin is None:
-        return Section("The solid", notes)
-    text = (
-        "The part names no hinges. Its thickness was measured on the solid, by rays from its faces to the faces "
-        f"across; the mesh is graded by it. The thinnest place has {units.to_text(thin.thinnest, 'mm', si='m')}."
-    )
-    rows = [
-        [
-            hinge.name,
-            units.to_text(hinge.thickness, "mm", si="m"),
-            f"{1e3 * hinge.length:.3g} x {1e3 * hinge.width:.3g} mm",
-            f"{in_mm(in_file(part, hinge.centre))} mm",
-        ]
-        for hinge in thin.hinges
-    ]
-    return Section("The solid", [*notes, text], [Table(["thin region", "thickness", "extent", "centre"], rows)])
 
 
 def _inputs(validation: Validation) -> Section:

@@ -1,0 +1,104 @@
+"""The surface of a solid as triangles that know their faces, and rays that are cast at triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles of a closed surface, and the face each lies on.
+
+    Parameters
+    ----------
+    points, triangles
+        Shapes (n, 3) [m] and (m, 3), seen from outside counter-clockwise.
+    owners
+        Index of the face of each triangle, shape (m,).
+    normals
+        Outward unit normal of each face where it is plane, NaN elsewhere, shape (faces, 3).
+    radii
+        Of each face that is a cylinder [m]; infinite elsewhere, shape (faces,).
+    """
+
+    points: FloatArray
+    triangles: IntArray
+    owners: IntArray
+    normals: FloatArray
+    radii: FloatArray
+
+    @property
+    def corners(self) -> FloatArray:
+        """Shape (m, 3, 3) [m]."""
+        return self.points[self.triangles]
+
+    @property
+    def outward(self) -> FloatArray:
+        """Unit normal of each triangle, shape (m, 3)."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        normal = np.cross(b - a, c - a)
+        return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None])
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the bounding box [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+class Rays:
+    """Casts rays at triangles."""
+
+    def __init__(self, points: FloatArray, triangles: IntArray) -> None:
+        import pyvista as pv
+        from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
+
+        self._mesh = pv.PolyData.from_regular_faces(points, triangles)
+        self._locator: Any = vtkStaticCellLocator()  # its declared types know no references
+        self._locator.SetDataSet(self._mesh)
+        self._locator.BuildLocator()
+        self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def first(self, start: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return how far each ray goes until it meets a triangle [m], infinite for none, and which one, -1 for none."""
+        from vtkmodules.vtkCommonCore import mutable
+
+        reach: Any = mutable(0.0)
+        cell, which = mutable(0), mutable(0)
+        place, local = [0.0] * 3, [0.0] * 3
+        far, hit = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int64)
+        ends = start + self._size * way
+        for i, (a, b) in enumerate(zip(start.tolist(), ends.tolist(), strict=True)):
+            if self._locator.IntersectWithLine(a, b, 1e-12 * self._size, reach, place, local, which, cell):
+                far[i], hit[i] = float(reach) * self._size, int(cell)
+        return far, hit
+
+
+def surface_of(solid: Any, chord: float) -> Surface:
+    """Return the triangles of a CadQuery solid [mm], no farther than a chord [m] from its curved faces."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    mm, points, triangles, owners, normals, radii, base = 1e-3, [], [], [], [], [], 0
+    for index, face in enumerate(solid.Faces()):
+        vertices, corners = face.tessellate(chord / mm, 0.2)
+        points.append(np.array([v.toTuple() for v in vertices]).reshape(-1, 3) * mm)
+        triangles.append(np.array(corners, dtype=np.int64).reshape(-1, 3) + base)
+        owners.append(np.full(len(corners), index))
+        base += len(vertices)
+        kind = face.geomType()
+        normals.append(face.normalAt().toTuple() if kind == "PLANE" else (np.nan,) * 3)
+        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder() if kind == "CYLINDER" else None
+        radii.append(cylinder.Radius() * mm if cylinder else np.inf)
+    stacked = np.vstack(points)
+    _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
+    welded = inverse.reshape(-1)[np.vstack(triangles)]
+    proper = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
+    return Surface(
+        stacked[first], welded[proper], np.concatenate(owners)[proper], np.array(normals), np.array(radii, dtype=float)
+    )

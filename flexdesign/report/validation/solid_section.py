@@ -1,0 +1,63 @@
+"""What a part notes of its solid, such as what was done to one from a file; its ports; and what is thin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexdesign.core import units
+from flexdesign.design.faces import in_mm
+from flexdesign.design.part import in_file
+from flexdesign.design.step_part import StepPart
+from flexdesign.report.document import Section, Table
+from flexdesign.workflows.validation import Validation
+
+
+def section(validation: Validation) -> Section:
+    """Return the section; empty for a part that notes nothing and names its hinges."""
+    thin, part = validation.domain.thin, validation.study.design.part()
+    notes: list[str] = list(getattr(part, "notes", tuple)())
+    if thin is None:
+        return Section("The solid", notes)
+    text = (
+        "The part names no hinges. Its thickness was measured on the solid, by rays from its faces to the faces "
+        f"across; the mesh is graded by it. The thinnest place has {units.to_text(thin.thinnest, 'mm', si='m')}."
+    )
+    if len(thin.slivers):
+        least = units.to_text(float(thin.slivers.min()), "mm", si="m")
+        text += (
+            f" Left out were {len(thin.slivers)} places down to {least}: "
+            "they are thinner than every thin region and too few to be one, as at a small step between two faces."
+        )
+    rows = [
+        [
+            hinge.name,
+            units.to_text(hinge.thickness, "mm", si="m"),
+            f"{1e3 * hinge.length:.3g} x {1e3 * hinge.width:.3g} mm",
+            f"{in_mm(in_file(part, hinge.centre))} mm",
+        ]
+        for hinge in thin.hinges
+    ]
+    regions = Table(["thin region", "thickness", "extent", "centre"], rows)
+    if not isinstance(part, StepPart):
+        return Section("The solid", [*notes, text], [regions])
+    return Section("The solid", [*notes, text], [_ports(part), regions])
+
+
+def _ports(part: StepPart) -> Table:
+    """Return which faces are ports, in the coordinates of the file."""
+    rows = []
+    for port in part.ports():
+        faces = [part.faces()[index] for index in port.faces]
+        areas = np.array([face.area for face in faces])
+        centre = areas @ np.array([face.centroid for face in faces]) / areas.sum()
+        rows.append(
+            [
+                port.name,
+                ", ".join(face.label for face in faces),
+                f"{1e6 * areas.sum():.4g} mm²",
+                f"{in_mm(centre - np.array(part.moved()))} mm",
+                ", ".join(f"{round(x, 6) + 0.0:.4g}" for x in port.normal),
+                "rigid" if port.rigid else "traction",
+            ]
+        )
+    return Table(["port", "faces", "area", "centre", "normal", "interface"], rows)
