@@ -32,7 +32,7 @@ interface = "rigid" lets the faces move as one body; about = ["0 mm", "0 mm", "0
 moments are taken about. A design without inputs is a joint: its report has the stiffness of the output in six
 directions.
 
-**Output:** report.html, report.md, result.json and the picture, in --out; with -o the design to start from.
+**Output:** report.html, report.md, result.json and the picture, in --out; with -o a new file: the design to start from.
 
 **Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
@@ -55,8 +55,11 @@ def ports(
 ) -> None:
     """List faces, and write a design to start from."""
     from flexdesign.api import step_files
+    from flexdesign.core.errors import InputError
 
     write_file(design)
+    if design is not None and design.exists():
+        raise InputError("command line", "-o", str(design), "exists; choose another file")
     with progress() as say:
         found = step_files.read_ports(step, solids=solid or (), progress=say)
         where = report_folder(out, f"{step.stem}_ports", "ports", [step])

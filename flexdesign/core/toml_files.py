@@ -22,6 +22,8 @@ from flexdesign.core.errors import InputError, suggest
 
 #: The format of files that this version reads and writes.
 FORMAT = 1
+#: How names of STEP files end.
+STEP = (".step", ".stp")
 
 #: Whole numbers are smaller, as in TOML (64 bits); tables and lists are no deeper within each other.
 LARGEST, DEEPEST = 2**63, 20
@@ -125,6 +127,9 @@ def read_toml(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     InputError
         If the file cannot be read, is no TOML, or an override has no equals sign or no such table.
     """
+    if path.suffix.lower() in STEP and is_file(path):
+        command = f"flexdesign ports {path} -o {path.with_suffix('.toml')}"
+        raise InputError(path, "", None, f"is a STEP file, not TOML; write a design for it by `{command}`")
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:

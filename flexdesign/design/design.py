@@ -267,6 +267,9 @@ def _part_class(checked: _DesignFile, path: Path) -> type[Any]:
     """Return the class of the part: that of its Python file, or one made of a STEP file and the design's ports."""
     if step_part.is_step(checked.part):
         return step_part.load(checked.part, checked.ports, path, checked.solids)
+    if step_part.is_other_solid(checked.part):
+        remedy = f'is no STEP file; export the solid as STEP, and write part = "{Path(checked.part).stem}.step"'
+        raise InputError(path, "part", checked.part, remedy)
     if checked.ports:
         remedy = "belong to a part from a STEP file; a part in Python names its own in ports()"
         raise InputError(path, "ports", ", ".join(checked.ports), remedy)

@@ -21,13 +21,17 @@ from pydantic import BeforeValidator
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Linkage, Parameter, Quantity
 from flexdesign.core.model.linkage import Vector
-from flexdesign.core.toml_files import Bounds, Table, as_written, check, is_file
+from flexdesign.core.toml_files import STEP, Bounds, Table, as_written, check, is_file
 from flexdesign.design import faces, mirror, step_file
 from flexdesign.design.faces import MM, Query, SolidFace
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Axis, Port, Role, SymmetryPlane
 
-ENDINGS = (".step", ".stp")
+#: Of solids in files that only their own programs read, or that hold no closed solid.
+OTHER_ENDINGS = (
+    *(".sldprt", ".sldasm", ".ipt", ".iam", ".catpart", ".prt", ".par", ".f3d", ".fcstd", ".x_t", ".x_b", ".3dm"),
+    *(".igs", ".iges", ".stl"),
+)
 ROLES: tuple[Role, ...] = ("input", "output", "ground")
 _PLACE = Bounds("m", -10.0, 10.0)
 
@@ -184,7 +188,12 @@ class StepPart:
 
 def is_step(name: str) -> bool:
     """Tell whether a design's `part` is a STEP file."""
-    return name.lower().endswith(ENDINGS)
+    return name.lower().endswith(STEP)
+
+
+def is_other_solid(name: str) -> bool:
+    """Tell whether a design's `part` is a file of a CAD program that is no STEP file."""
+    return name.lower().endswith(OTHER_ENDINGS)
 
 
 def listed(body: step_file.StepBody) -> tuple[SolidFace, ...]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cadquery as cq
 import numpy as np
@@ -14,6 +17,7 @@ from flexdesign.api.step_files import read_ports
 from flexdesign.core.errors import InputError
 from flexdesign.design import design, faces, step_file, step_part
 from flexdesign.design.step_part import StepPart
+from tests.conftest import Ended
 
 DESIGN = """format = 1
 part = "{part}"
@@ -374,3 +378,45 @@ def test_a_cylinder_is_listed_with_radius_and_axis(tmp_path: Path) -> None:
     (hole,) = (face for face in faces.of_solid(body.solid, {}, {}) if face.kind == "cylinder")
     assert hole.radius == pytest.approx(2e-3)
     assert np.abs(hole.axis) == pytest.approx([0, 0, 1])
+
+
+def test_a_design_that_exists_is_not_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Callable[..., Ended]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exported(block(), tmp_path / "part.step", {})
+    assert command_line("ports", "part.step", "-o", "part.toml").code == 0
+    (tmp_path / "part.toml").write_text("mine")
+    ended = command_line("ports", "part.step", "-o", "part.toml")
+    assert ended.code == 2
+    assert "-o = part.toml: exists; choose another file" in ended.stderr
+    assert (tmp_path / "part.toml").read_text() == "mine"
+
+
+def test_solids_in_place_of_a_design_or_a_step_file_are_refused_with_the_remedy(tmp_path: Path) -> None:
+    file = exported(block(), tmp_path / "part.step", {})
+    with pytest.raises(InputError, match=r"is a STEP file.*`flexdesign ports .*part\.step -o .*part\.toml`"):
+        design.read(file)
+    (tmp_path / "design.toml").write_text('format = 1\npart = "Leaf.SLDPRT"\nmaterial = "Al 7075-T6"\n')
+    with pytest.raises(InputError, match=r'part = Leaf\.SLDPRT: is no STEP file; export .*part = "Leaf\.step"'):
+        design.read(tmp_path / "design.toml")
+
+
+def test_the_report_lists_the_ports_where_the_file_has_them(tmp_path: Path) -> None:
+    from flexdesign.fem.meshing import domain
+    from flexdesign.report.validation import solid_section
+
+    away = block().translate(cq.Vector(0, 7, 0))
+    asked = design.read(
+        written(exported(away, tmp_path / "part.step", {"foot": cq.Workplane(away).faces("<X").val()}).parent)
+    )
+    part = asked.part()
+    assert any(part.moved())
+    found: Any = SimpleNamespace(
+        study=SimpleNamespace(design=asked), domain=domain.of_part(part, chord=domain.chord(part))
+    )
+    ports = solid_section.section(found).tables[0]
+    assert ports.columns == ["port", "faces", "area", "centre", "normal", "interface"]
+    assert [row[0] for row in ports.rows] == ["ground", "output"]
+    assert ports.rows[0][1] == "foot"
+    assert ports.rows[0][2:] == ["60 mm²", "-10, 7, 0 mm", "-1, 0, 0", "traction"]
