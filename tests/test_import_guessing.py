@@ -13,6 +13,7 @@ import pytest
 import flexdesign as fd
 from flexdesign.core import units
 from flexdesign.core.errors import InputError
+from flexdesign.measurements import importing
 from flexdesign.measurements.importing import header_cells, roles
 from flexdesign.measurements.importing.delimited import Dialect
 from flexdesign.measurements.importing.readers import read_contents
@@ -104,6 +105,54 @@ def test_further_columns(
         if name and name not in ("t", "T"):
             factor = units.factor(header_cells.split_unit(cell)[1], run.si[name])
             assert run.columns[name] == pytest.approx(factor * values[:, k], rel=1e-9)
+
+
+def refused(folder: Path, command_line: Callable[..., Any], text: str) -> str:
+    """Return what is said of a file that cannot be imported, of which nothing stays."""
+    (folder / "log.csv").write_text(text, encoding="utf-8")
+    ended = command_line("import", "log.csv", "-o", "all/out")
+    assert ended.code == 2 and not (folder / "all").exists()
+    return str(ended.stderr)
+
+
+def test_a_refused_recording_is_named_by_its_own_file_and_line(
+    tmp_path: Path, command_line: Callable[..., Any]
+) -> None:
+    """Lines are counted as an editor shows them, with those above the header and empty ones."""
+    time = T.copy()
+    time[70:] -= time[70]
+    text = "Bench 3\n\nTime [s],Command [V],Position [um]\n" + rows(time, U, X)
+    said = refused(tmp_path, command_line, text)
+    assert said.startswith('flexdesign: log.csv: line 74, column "Time" = 0 s: is not later than the row before')
+    assert text.split("\n")[74 - 1].startswith("0,")
+    still = "Time [s],Command [V],Position [um]\n" + rows(T, U, 0 * X)
+    assert refused(tmp_path, command_line, still).startswith('flexdesign: log.csv: column "Position": reads 0 m in')
+
+
+def test_lines_of_a_refused_recording_in_several_parts(tmp_path: Path) -> None:
+    """The second part of a record with a gap; a text with lines that are skipped; an archive, which has no lines."""
+    u = U.copy()
+    u[90:100] = np.nan
+    time = np.concatenate([T[:60], T[60:] + 0.5])
+    (tmp_path / "log.csv").write_text("skipped\nt [s],u [V],x [um]\n" + rows(time, u, X))
+    columns = "".join(f'[run.columns.{c}]\nvariable = "{c}"\n' for c in "tux")
+    (tmp_path / "map.toml").write_text(f"[text]\nskip = 1\n[[run]]\n{columns}")
+    with pytest.raises(InputError, match=r'log\.csv: line 93, column "u": is missing from .*, 10 samples'):
+        importing.bring_in([tmp_path / "log.csv"], tmp_path / "map.toml", tmp_path / "out")
+    units_of = {"t": "s", "u": "V", "x": "um"}
+    columns = "".join(f'[run.columns.{c}]\nvariable = "{c}"\nunit = "{unit}"\n' for c, unit in units_of.items())
+    (tmp_path / "map.toml").write_text(f"[[run]]\n{columns}")
+    np.savez(tmp_path / "log.npz", t=np.concatenate([T[:50], T[:70]]), u=U, x=X)
+    with pytest.raises(InputError, match=r'log\.npz: sample 51, column "t" = 0 s: is not later'):
+        importing.bring_in([tmp_path / "log.npz"], tmp_path / "map.toml", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_rounded_times_ask_for_the_rate(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    text = "Time [s],Command [V],Position [um]\n" + rows(np.round(T, 2), U, X)
+    said = refused(tmp_path, command_line, text)
+    assert 'line 3, column "Time"' in said and "the time is rounded" in said and "in the map: rate = " in said
+    assert float(said.partition('rate = "')[2].partition(" Hz")[0]) == pytest.approx(RATE, rel=0.1)
 
 
 def test_times_of_day_and_words_beside_numbers(tmp_path: Path, command_line: Callable[..., Any]) -> None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.core import unit_tables, units
 from flexdesign.core.arithmetic import Formula
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.measurements.importing.contents import Array, Contents, Numbers
+from flexdesign.measurements.importing.contents import Array, Contents, Numbers, Variable
 from flexdesign.measurements.importing.mapping import RESPONSE, Map, RunColumns, RunMap, VariableTable
 from flexdesign.measurements.recordings import COMMANDS, FEWEST
 from flexdesign.measurements.recordings.frequency_response import FREQUENCY
@@ -41,6 +42,10 @@ class Recording:
         n moments [s]; None of a frequency response.
     remarks
         What was left out.
+    sources
+        The variable that each column comes from, the first one of a formula, by the column's name: its own name and it.
+    samples
+        Which of its numbers are in the recording, counted from zero; None of all.
     """
 
     name: str
@@ -48,6 +53,8 @@ class Recording:
     recorded: Mapping[str, Array]
     time: Array | None = None
     remarks: tuple[str, ...] = ()
+    sources: Mapping[str, tuple[str, Variable]] = field(default_factory=dict)
+    samples: NDArray[np.intp] | None = None
 
 
 def assemble(contents: Contents, plan: Map, numbers: Sequence[int] | None = None) -> list[Recording]:
@@ -113,8 +120,21 @@ class _Maker:
                 time = rows.pop("t") if "t" in rows else self._period(parts) * np.arange(length)
                 cells = {f"{column} [{parts[column].unit}]": np.real(values) for column, values in rows.items()}
                 commands = [np.real(values) for column, values in rows.items() if column in COMMANDS]
-                made += _in_time(Recording(called, self.number, cells, np.real(time)), commands)
+                whole = Recording(called, self.number, cells, np.real(time), sources=self._sources())
+                made += _in_time(whole, commands)
         return made
+
+    def _sources(self) -> dict[str, tuple[str, Variable]]:
+        """Return name and variable that each column comes from, where it comes from one."""
+        found = {}
+        for column, table in self.columns.tables.items():
+            formula = self.columns.formulas.get(column)
+            for each in formula.names if formula else (table.variable,):
+                told = self.plan.variables.get(each) if formula else None
+                name = told.variable if told else each
+                if name in self.contents.variables and column not in found:
+                    found[column] = (name, self.contents.variables[name])
+        return found
 
     def _part(self, name: str) -> _Part:
         table, field = self.columns.tables[name], f"{self.place}.columns.{name}"
@@ -209,7 +229,8 @@ class _Maker:
         valid = next(iter(recorded.values())) != 0
         left = "" if valid.all() else "the line at 0 Hz is left out"
         lines = {cell: values[valid] for cell, values in recorded.items()}
-        return Recording(name, self.number, lines, remarks=(left,) if left else ())
+        remarks = (left,) if left else ()
+        return Recording(name, self.number, lines, None, remarks, self._sources(), np.flatnonzero(valid))
 
     def _period(self, parts: Mapping[str, _Part]) -> float:
         if self.run.rate:
@@ -237,7 +258,9 @@ def _in_time(recording: Recording, commands: Sequence[Array]) -> list[Recording]
     parts = []
     for number, each in enumerate(rows, start=1):
         cells = {cell: values[each] for cell, values in recording.recorded.items()}
-        part = replace(recording, name=f"{recording.name}_{number}", recorded=cells, time=time[each])
+        samples = np.arange(each.start, each.stop)
+        name = f"{recording.name}_{number}"
+        part = replace(recording, name=name, recorded=cells, time=time[each], samples=samples)
         parts.append(_from_first_sample(part))
     said = f"{recording.name} has gaps in which its command is unknown: {len(rows)} recordings"
     short = len(every) - len(rows)

@@ -40,6 +40,10 @@ class Variable:
         Whether its numbers are complex.
     label
         What the file calls it, if its name only says where it is: ``log.Y(2).Data``.
+    lines
+        The line of the file in which each number stands, counted from 1, of a table in text.
+    path
+        The file.
     """
 
     shape: tuple[int, ...]
@@ -49,6 +53,8 @@ class Variable:
     note: str = ""
     is_complex: bool = False
     label: str = ""
+    lines: NDArray[np.intp] | None = None
+    path: Path | None = None
 
     @property
     def size(self) -> int:

@@ -6,7 +6,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -63,13 +63,16 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     """
     lines = [line.rstrip("\r") for line in _decode(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
     content = [line for line in lines if line.strip()]
+    numbered = np.array(
+        [k for k, line in enumerate(lines, start=1 + (dialect.skip or 0)) if line.strip()], dtype=np.intp
+    )
     separator = dialect.separator or _separator(content)
     table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in content]
     decimal = dialect.decimal or _decimal(table)
     tables = _tables(table, decimal)
     if dialect.table is not None or len(tables) > 1:
         chosen = _choose(path, table, decimal, tables, dialect.table)
-        content, table = content[chosen], table[chosen]
+        content, table, numbered = content[chosen], table[chosen], numbered[chosen]
     numeric = _numeric(table, decimal)
     first = next((k for k, row in enumerate(table) if _is_data(row, decimal, numeric)), None)
     if first is None:
@@ -92,7 +95,8 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
             cells = [row[k] for row in rows]
             of_day = _of_day(cells)
             numbers = np.array([_number(cell, decimal) for cell in cells]) if of_day is None else of_day
-            found[name] = from_memory(numbers, units[k] if of_day is None else "s")
+            made = from_memory(numbers, units[k] if of_day is None else "s")
+            found[name] = replace(made, lines=numbered[first:])
     return found, notes
 
 

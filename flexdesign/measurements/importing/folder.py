@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from flexdesign.core.whole_files import written_whole
 from flexdesign.measurements.importing.assembling import Recording, assemble
 from flexdesign.measurements.importing.mapping import Map, read_map
 from flexdesign.measurements.importing.readers import read_contents
+from flexdesign.measurements.importing.sources import at_source
 from flexdesign.measurements.recordings import (
     DESCRIPTION,
     FrequencyResponse,
@@ -71,16 +73,29 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
         remedy = "two runs would be written to one file; give another name, or rename one of the files"
         raise InputError(plan.path, "run.name", twice, remedy)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with written_whole(folder) as scratch:
+        with _made(folder), written_whole(folder) as scratch:
             written = _write(recordings, plan, paths, scratch)
-            found = _read_back(scratch, folder, written)
+            found = _read_back(written, recordings, paths, plan)
     except OSError as error:
         raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
     remark = {recording.name: recording.remarks for recording in recordings}
     found = tuple(replace(each, remarks=(*remark[each.name], *each.remarks)) for each in found)
     responses = tuple(each for each in found if isinstance(each, FrequencyResponse))
     return Imported(folder, tuple(each for each in found if isinstance(each, Run)), responses)
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder and those it is in; after an error none of them stays that was not there before."""
+    new = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):  # somebody else has written there
+            for each in new:
+                each.rmdir()
+        raise
 
 
 def _assemble(paths: Sequence[Path], plan: Map) -> list[Recording]:
@@ -117,9 +132,13 @@ def _write(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], fo
     return [*written, description]
 
 
-def _read_back(scratch: Path, folder: Path, written: Sequence[Path]) -> tuple[Run | FrequencyResponse, ...]:
+def _read_back(
+    written: Sequence[Path], recordings: Sequence[Recording], paths: Sequence[Path], plan: Map
+) -> tuple[Run | FrequencyResponse, ...]:
     try:
         return read_recordings(file for file in written if file.name != DESCRIPTION)
     except InputError as error:
-        file = folder / Path(error.file).name if Path(error.file).parent == scratch else error.file
-        raise InputError(file, error.field, error.value, error.remedy) from error
+        made_of = {str(file): recording for file, recording in zip(written, recordings, strict=False)}
+        if recording := made_of.get(error.file):
+            raise at_source(error, recording, paths, plan.path) from error
+        raise InputError(plan.path, error.field, error.value, error.remedy) from error

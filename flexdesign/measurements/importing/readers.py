@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from flexdesign.core.errors import InputError
@@ -56,7 +57,7 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
             remedy = f"holds no array of numbers{objects if path.suffix.lower() == '.mat' else ''}"
             raise InputError(path, "", None, remedy)
         notes += remark
-        found += [(path, name, variable) for name, variable in variables.items()]
+        found += [(path, name, replace(variable, path=path)) for name, variable in variables.items()]
     times = Counter(name for _, name, _ in found)
     named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}
     return Contents(tuple(paths), named, tuple(notes))

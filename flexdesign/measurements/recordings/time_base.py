@@ -38,7 +38,7 @@ def in_order(sheet: Sheet) -> tuple[Sheet, list[str]]:
     time = sheet.moments()
     if (np.diff(time) > 0).all():
         return sheet, []
-    remarks = []
+    remarks, written = list[str](), len(time)
     table = np.ascontiguousarray(np.stack(list(sheet.values.values()), axis=1))
     # Compared by their bits, so that a gap equals a gap.
     _, first = np.unique(table.view([("", np.void, table.itemsize * table.shape[1])]).ravel(), return_index=True)
@@ -52,9 +52,27 @@ def in_order(sheet: Sheet) -> tuple[Sheet, list[str]]:
         return sheet, remarks
     order = np.argsort(time, kind="stable")
     if not (np.diff(time[order]) > 0).all() or fit_grid(time[order]) is None:
+        _refuse_rounded(sheet, written)
         sheet.time()  # refuses, and names the row
     remarks.append(f"{sheet.where(time < np.maximum.accumulate(time))}: out of order; sorted by time")
     return sheet.rows(order), remarks
+
+
+def _refuse_rounded(sheet: Sheet, written: int) -> None:
+    """Raise the error of times with too few digits: they never fall, and many rows have that of the row before.
+
+    `written` is the number of rows with copies, which are samples as well where times are rounded.
+    """
+    time = sheet.moments()
+    steps = np.diff(time)
+    equal = np.flatnonzero(steps == 0)
+    if (steps < 0).any() or len(equal) <= RARE * len(steps) or len(equal) == len(steps):
+        return
+    rate = f"{float(f'{(written - 1) / (time[-1] - time[0]):.3g}'):g} Hz"
+    remedy = f"is that of the row before, as in {len(equal)} rows of {len(time)}: the time is rounded; write it with "
+    remedy += f'more digits, or import without it and give the sampling rate in the map: rate = "{rate}"?'
+    row = int(equal[0]) + 1
+    raise sheet.cell_error(row, "t", f"{time[row]:.9g} s", remedy)
 
 
 @dataclass(frozen=True, eq=False)
