@@ -6,12 +6,15 @@ import ast
 import doctest
 import importlib.util
 import re
+import shlex
 import tokenize
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 
 from flexdesign import cli
 
@@ -110,9 +113,23 @@ def test_commands_exist(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=names)
+def test_commands_have_arguments_that_are_accepted(page: Path) -> None:
+    """Names and numbers of options and arguments, by the parser itself; files of the examples need not exist."""
+    group: Any = typer.main.get_command(cli.app)
+    for block in blocks(page, "sh"):
+        for line in re.findall(r"^flexdesign (.*)", block.replace("\\\n", " "), re.M):
+            if re.search(r"[|<>…]|\.\.\.|--help", line):  # a pipe, words in place of something, an end
+                continue
+            verb, *given = shlex.split(line, comments=True)
+            if verb in group.commands and "commands" not in vars(group.commands[verb]):
+                group.commands[verb].make_context(verb, given, resilient_parsing=False)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=names)
 def test_links_lead_somewhere(page: Path) -> None:
     for link in re.findall(r"\]\((?!http)([^)]+)\)", page.read_text(encoding="utf-8")):
-        if "generated/" in link:  # pages that `make docs` makes, and looks for
+        if "generated/" in link:  # pages that `make docs` makes, and looks for; a clone lacks them
+            assert "`make docs`" in page.read_text(encoding="utf-8"), link
             continue
         file, _, anchor = link.partition("#")
         target = (page.parent / file) if file else page
