@@ -517,6 +517,7 @@ def test_diagnose_refuses_runs_that_do_not_fit(given: Any) -> None:
         (["diagnose", "{model}", "{runs}", "--tolerance", "much"], ("--tolerance = much",)),
         (["diagnose", "{model}", "{runs}", "--tolerance", "-1 %"], ("--tolerance = -1 %", "more than zero")),
         (["diagnose", "{model}", "{runs}", "--noise", "3 V"], ("--noise = 3 V", "length")),
+        (["diagnose", "{model}", "{runs}", "--noise", "3"], ("--noise = 3", 'write for example "3 nm"')),
         (["diagnose", "{model}", "{runs}", "--noise", "0 nm"], ("--noise = 0 nm", "more than zero")),
         (["compare", "{model}", "{runs}", "--noise", "nan"], ("--noise = nan",)),
         (["add", "{model}", "creep", "{runs}", "--noise", "inf nm"], ("--noise = inf nm",)),

@@ -98,6 +98,18 @@ def test_lines_are_counted_as_an_editor_counts_them(tmp_path: Path) -> None:
         (HEADER, "0.004,5,10", "line 7, column t = 0.004 s: is not later than the row before (0.004 s)"),
         (HEADER, "0.0039,5,10", "line 7, column t = 0.0039 s: is not later than the row before (0.004 s)"),
         ("u [V],x [um],y [um]", "0,0,0", "header: there is no column t [s]; found u, x, y"),
+        (
+            "Time [s],Command [V],x [um]",
+            "0.005,5,10",
+            "header: there is no command (u, ux, uy, uz); found Time, Command, x: add a column u [V]; bring a file of "
+            "another program in with flexdesign import",
+        ),
+        (
+            "Time (s),Command (V),x (um)",
+            "0.005,5,10",
+            "line 1, header cell 1 = Time (s): write name and unit, for example x [um]; [1] for a pure number; bring a "
+            "file of another program in with flexdesign import",
+        ),
         ("t [s],v [V],x [um]", "0.005,5,10", "header: there is no command (u, ux, uy, uz); found t, v, x"),
         ("t [s],u [V],w [um]", "0.005,5,10", "header: there is no response (x, y, z); found t, u, w"),
         ("t [s],u [V],u [V]", "0.005,5,10", "line 1, header cell 3 = u [V]: there are two columns u"),
@@ -188,7 +200,9 @@ def test_runs_of_one_stem_are_told_apart_by_their_folders(tmp_path: Path) -> Non
         ("title = 3\n", "title = 3: expected text"),
         ('noise = "-3 nm"\n', "noise = -3 nm: must be more than zero"),
         ('noise = "0 nm"\n', "noise = 0 nm: must be more than zero"),
-        ("noise = 3\n", "noise = 3: the unit is missing"),
+        ("noise = 3\n", 'noise = 3: the unit is missing; write for example "3 nm"'),
+        ('noise = "3"\n', 'noise = "3": the unit is missing; write for example "3 nm"'),
+        ('[sensors.x]\nnoise = "3"\n', 'sensors.x.noise = "3": the unit is missing; write for example "3 nm"'),
         ('noise = "3 V"\n', "noise: is in V, but x of sine.csv in um; correct one of the two"),
         ('[sensors.x]\nnoise = "-3 nm"\n', "sensors.x.noise = -3 nm: must be more than zero"),
         ("title = \n", "is not valid TOML"),

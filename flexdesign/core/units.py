@@ -22,6 +22,8 @@ LONGEST, HIGHEST = 100, 1000
 LONGEST_NUMBER = 500
 #: The micro of a unit, where it is no part of a word or a name.
 _MICRO = re.compile(r"(?<![\w.-])u(?=(?:m|rad|N|V|F)(?![A-Za-z_]))|(?<=\d )u(?=s(?![A-Za-z_]))")
+#: Examples of noise and of other small sizes, by SI unit.
+SMALL = {"m": "3 nm", "rad": "50 nrad"}
 #: How each kind of number is shown to people: SI unit -> display unit.
 DISPLAY = {
     "m": "mm",
@@ -138,17 +140,18 @@ def factor(unit: str, si: str) -> float:
     return one
 
 
-def from_text(text: object, si: str) -> float:
+def from_text(text: object, si: str, *, small: bool = False) -> float:
     """Read ``"0.5 mm"`` as a number in the SI unit `si`.
 
-    A bare number is accepted only where the quantity has no unit (`si` is ``"1"``).
+    A bare number is accepted only where the quantity has no unit (`si` is ``"1"``). Of what is `small`, as noise is,
+    the example in a refusal is no size of a part.
 
     Raises
     ------
     ValueError
         If the text is no number with a unit, the unit is wrong, or the number is not finite.
     """
-    hint = f'; write for example "{example(si)}"' if si != "1" else ""
+    hint = f'; write for example "{SMALL.get(si, example(si)) if small else example(si)}"' if si != "1" else ""
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise ValueError(f"is not a number{' with a unit' if si != '1' else ''}{hint}")
     try:

@@ -212,7 +212,7 @@ def size(
         if text.strip().endswith("%"):
             value = units.from_text(text, "1") * prepare(model, runs, axis, None).stroke
         else:
-            value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response)
+            value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response, small=True)
         if not value > 0:
             raise ValueError("must be more than zero")
     except ValueError as error:

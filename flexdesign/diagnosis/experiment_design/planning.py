@@ -134,7 +134,7 @@ def _stated_value(option: str, text: str | None, si: str) -> float | None:
 def _number(option: str, text: str, si: str) -> float:
     """Return a number in SI; more than zero, unless it is a voltage."""
     try:
-        value = units.from_text(text, si)
+        value = units.from_text(text, si, small=True)
         if si != "V" and not value > 0:
             raise ValueError("must be more than zero")
     except ValueError as error:

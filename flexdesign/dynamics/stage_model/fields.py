@@ -74,6 +74,19 @@ class Number(Bounds):
 
 
 @dataclass(frozen=True)
+class Share(Number):
+    """A share of a number; more than the whole is written in percent, as a bare number is a percent sign forgotten."""
+
+    def read(self, given: object) -> float:
+        """Return what a file says."""
+        value = super().read(given)
+        if value > 1 and "%" not in str(given):
+            percent = f"{100 * value:g} %"
+            raise ValueError(f'is {percent} without a unit; write "{value:g} %", or "{percent}" if that is meant')
+        return value
+
+
+@dataclass(frozen=True)
 class Span(Number):
     """Two numbers, the lower one first."""
 
@@ -162,7 +175,7 @@ DRIVER: Fields = {
 }
 _DELAY = Number("s", 0.0, 10.0, unit="ms")
 CONTROLLER: Fields = {"rate": _frequency(1e7), "delay": _DELAY}
-RELATIVE = Number("1", 0.0, 1e4, unit="%")
+RELATIVE = Share("1", 0.0, 1e4, unit="%")
 
 
 def axis(response: str, unit: str = "") -> Fields:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing.assembling import Recording
+from flexdesign.measurements.recordings.reading import BRING_IN
 
 #: Lines above the rows of a file as it is written: where it comes from, and the header.
 ABOVE = 2
@@ -30,7 +31,8 @@ def at_source(error: InputError, recording: Recording, paths: Sequence[Path], pl
         The map, or what stands for it, which is named where a column is missing.
     """
     if error.field == "header":
-        return InputError(plan, f"run {recording.number + 1}.columns", error.value, error.remedy)
+        remedy = error.remedy.removesuffix(BRING_IN)
+        return InputError(plan, f"run {recording.number + 1}.columns", error.value, remedy)
     place = _PLACE.fullmatch(error.field)
     column = place[2] if place and place[2] in recording.sources else next(iter(recording.sources), "")
     name, variable = recording.sources.get(column, ("", None))

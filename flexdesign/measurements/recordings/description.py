@@ -75,18 +75,18 @@ def _one_of(*words: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-def _reading(given: Any) -> Reading:
+def _reading(given: Any, *, small: bool = False) -> Reading:
     refusals = []
     for si in READINGS:
         try:
-            return Reading(units.from_text(given, si), si)
+            return Reading(units.from_text(given, si, small=small), si)
         except ValueError as error:
             refusals.append(error)
     raise refusals[0]
 
 
 def _noise(given: Any) -> Reading:
-    found = _reading(given)
+    found = _reading(given, small=True)
     if not found.value > 0:
         raise ValueError("must be more than zero")
     return found

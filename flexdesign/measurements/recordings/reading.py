@@ -32,6 +32,8 @@ ALLOWED = {
 }
 #: With fewer rows nothing can be said about dynamics.
 FEWEST = 10
+#: What to do with a table whose header is not written for flexdesign.
+BRING_IN = "; bring a file of another program in with flexdesign import"
 #: How files of runs end.
 ENDINGS = (".csv", parquet.SUFFIX)
 
@@ -57,7 +59,12 @@ def read_run(path: str | Path) -> Run:
     """
     path = Path(path)
     measurements = _measurements_next_to(path)
-    sheet = unit_tables.read(path, ALLOWED, gaps=True)
+    try:
+        sheet = unit_tables.read(path, ALLOWED, gaps=True)
+    except InputError as error:
+        if "header cell" not in error.field or "import" in error.remedy:
+            raise
+        raise InputError(error.file, error.field, error.value, error.remedy + BRING_IN) from error
     _needs(sheet, COMMANDS, "command", "u [V]")
     _needs(sheet, AXES, "response", "x [um]")
     if "u" in sheet.values and any(name in sheet.values for name in COMMANDS[1:]):
@@ -214,6 +221,7 @@ def _measurements_next_to(path: Path) -> Measurements:
 def _needs(sheet: Sheet, names: tuple[str, ...], what: str, example: str) -> None:
     if not any(name in sheet.values for name in names):
         remedy = f"there is no {what} ({', '.join(names)}); found {', '.join(sheet.values)}: add a column {example}"
+        remedy += BRING_IN
         raise InputError(sheet.path, "header", None, remedy)
 
 
