@@ -61,6 +61,20 @@ def test_nothing_is_said_of_clean_recordings() -> None:
     assert channel.noise == pytest.approx(NOISE, rel=0.1)
 
 
+def test_triangles_of_falling_heights_are_no_multisine() -> None:
+    """Their spectrum is as wide as that of a multisine; and one of low frequencies is none of straight lines."""
+    corners = np.array([0, 100, 0, 80, 0, 60, 0, 40, 0, 100, 0], dtype=float)
+    loops = np.interp(T, np.linspace(0.25, 3.75, len(corners)), corners)
+    assert coverage._octaves(loops) >= coverage.BROAD_OCTAVES
+    for u in (loops, np.round(loops, 2)):
+        assert {"triangle", "quiet"} == set(coverage.kinds_of(run("a", u, reading(u))))
+    ramps = np.interp(T, [0, 0.3, 1.5, 2.0, 3.4, 4.0], [0, 0, 100, 20, 90, 0])
+    assert "multisine" not in coverage.kinds_of(run("a", ramps, reading(ramps)))
+    rng = np.random.default_rng(3)
+    slow = sum(np.cos(2 * np.pi * k * T / 4 + rng.uniform(0, 6.28)) for k in range(1, 12))
+    assert "multisine" in coverage.kinds_of(run("a", slow, reading(slow)))
+
+
 def test_equal_commands_in_fitted_and_validation_runs() -> None:
     one, other = clean()
     again = run("again", one.command(), reading(one.command(), 9), role="validate")

@@ -89,6 +89,9 @@ def imported(folder: Path, command_line: Callable[..., Any], text: str, name: st
         ("t [s],command [V],x [um],velocity [mm/s],force [N]", ["u", "x", None, "f"]),
         ("t [s],Sensor X [um],Sensor Y [um],Command X [V],Command Y [V]", ["x", "y", "ux", "uy"]),
         ("Sample,Time [s],Command [V],Position [um],Status", [None, "t", "u", "x", None]),
+        ("Time [s],DAC out [V],HV monitor [V],Capacitive sensor [nm]", ["t", "u", "v", "x"]),
+        ("Time [s],AO 0 output [V],ADC in [V]", ["t", "u", "x"]),
+        ("Time [s],Drive [V],Sensor monitor [V],Sensor output [V],Laser [um]", ["t", "u", "v", None, "x"]),
         ("t [s],drive [V],position z [um],sensor [V],x [1]", ["u", "z", None, None]),
     ],
 )  # fmt: skip
@@ -146,6 +149,11 @@ def test_lines_of_a_refused_recording_in_several_parts(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'log\.npz: sample 51, column "t" = 0 s: is not later'):
         importing.bring_in([tmp_path / "log.npz"], tmp_path / "map.toml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_single_row_is_no_recording(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    said = refused(tmp_path, command_line, "Time [s],Command [V],Position [um]\n0,0,0\n")
+    assert "log.csv: has one number of each variable; a recording has at least 10 rows" in said
 
 
 def test_rounded_times_ask_for_the_rate(tmp_path: Path, command_line: Callable[..., Any]) -> None:

@@ -697,7 +697,7 @@ REFUSED: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
         UNCERTAINTY, 'creep.tau = "2 %", ', "axis.x.uncertainty.creep.tau", "2 %", ("this axis has", "creep.t0"),
     ),
     "uncertainty without percent": (
-        UNCERTAINTY, 'mass = "10", ', "axis.x.uncertainty.mass", '"10"', ('write "10 %", or "1000 %" if that is meant',),
+        UNCERTAINTY, 'mass = "10", ', "axis.x.uncertainty.mass", '"10"', ('write "10 %", or "1000 %" if that is',),
     ),
     "negative uncertainty": (UNCERTAINTY, 'mass = "-2 %", ', "axis.x.uncertainty.mass", "-2 %", ("allowed: 0 to",)),
     "uncertainty in grams": (UNCERTAINTY, 'mass = "2 g", ', "axis.x.uncertainty.mass", "2 g", ("has no unit",)),

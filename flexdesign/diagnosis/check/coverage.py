@@ -25,6 +25,9 @@ STILL_CHANGE, STEP_CHANGE = 1e-3, 0.02
 QUIET_SAMPLES, STEP_HOLD = 100, 10.0
 #: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
 BROAD_OCTAVES, LINE_LEVEL = 2.0, 5e-3
+#: A command is made of straight lines if, of so many samples, this share holds all squares of its second differences
+#: but for this part. Of normal noise a tenth holds less than half. So few samples that rounded numbers are no curve.
+STRAIGHT_SAMPLES, CORNERS, CURVED = 1000, 0.1, 0.02
 #: Least number of samples of a rise, a fall or a rest.
 STROKE_SAMPLES = 10
 #: Levels at which a staircase rests; rises and falls of a slow command.
@@ -122,7 +125,9 @@ def _of_command(values: Array, period: float) -> set[str]:
         found.add("steps")
         if max(lengths) * period >= STEP_HOLD:
             found.add("hold")
-    if _octaves(values) >= BROAD_OCTAVES and sum(lengths) <= 0.5 * len(values):  # no rests over most of it
+    is_straight = not jumps.any() and _is_straight(values)  # corners of a triangle are no band of frequencies
+    rests_mostly = sum(lengths) > 0.5 * len(values)
+    if _octaves(values) >= BROAD_OCTAVES and not rests_mostly and not is_straight:
         found.add("multisine")
     levels = {round(float(np.mean(values[first:last])) / span, 2) for first, last in rests}
     if len(levels) >= STAIRCASE_LEVELS:
@@ -130,6 +135,13 @@ def _of_command(values: Array, period: float) -> set[str]:
     if "multisine" not in found and _strokes(values) >= LOOP_TURNS:
         found.add("triangle")
     return found
+
+
+def _is_straight(values: Array) -> bool:
+    """Tell whether a command is made of straight lines: ramps, triangles of any heights, rests between them."""
+    squares = np.sort(np.diff(values[:: max(1, len(values) // STRAIGHT_SAMPLES)], 2) ** 2)
+    corners = max(1, int(CORNERS * len(squares)))
+    return bool(squares.sum() > 0 and squares[:-corners].sum() <= CURVED * squares.sum())
 
 
 def _strokes(values: Array) -> int:

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexdesign.core import unit_tables
+from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing import header_cells, roles
 from flexdesign.measurements.importing.contents import Contents, Variable
 from flexdesign.measurements.importing.mapping import OF_RESPONSES, RESPONSE
 from flexdesign.measurements.importing.roles import Role
-from flexdesign.measurements.recordings import ALLOWED, AXES
+from flexdesign.measurements.recordings import ALLOWED, AXES, FEWEST
 from flexdesign.measurements.recordings.time_base import fit_grid
 
 #: Names of scalars that are a sampling rate in Hz, or the time between samples in s.
@@ -96,8 +97,17 @@ class Guess:
 
 
 def guess(contents: Contents) -> Guess:
-    """Return what the variables of some files are."""
+    """Return what the variables of some files are.
+
+    Raises
+    ------
+    InputError
+        If each is a single number.
+    """
     arrays = {name: variable for name, variable in contents.variables.items() if variable.size > 1}
+    if not arrays:
+        remedy = f"has one number of each variable; a recording has at least {FEWEST} rows"
+        raise InputError(contents.paths[0], "", None, remedy)
     is_complex = [name for name, variable in arrays.items() if variable.is_complex]
     if is_complex:
         return _complex_response(contents, arrays, is_complex[0])

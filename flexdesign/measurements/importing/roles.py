@@ -21,6 +21,7 @@ reference: r ref reference setpoint target desired wanted demand demanded soll s
 command: command commanded cmd befehl kommando commande comando stellgroesse stellgrosse
 drive: u ux uy uz input in vin uin dac ao drive driver excitation stimulus anregung eingang entree entrada ingresso
     ansteuerung stellsignal steuerspannung treiber source generator fgen
+converter: dac ao
 voltage: voltage volt volts v spannung tension tensione voltaje tensao piezo piezospannung actuator aktor aktuator
     actionneur stack amplifier verstaerker verstarker hv 電圧 电压 напряжение
 monitor: monitor mon vmon readback
@@ -140,7 +141,9 @@ _RULES: tuple[tuple[set[str], str, tuple[str, ...], int], ...] = (
     ({"position"}, "x", (*MOTION, "V", ""), 3),
     ({"reference"}, "u", ("V", ""), 2),
     ({"monitor"}, "v", ("V", ""), 2),
-    ({"sensor"}, "x", (*MOTION, "V", ""), 2),
+    ({"converter"}, "u", ("V", ""), 2),  # "DAC out": what leaves a converter enters the stage
+    ({"sensor"}, "x", MOTION, 2),
+    ({"sensor"}, "x", ("V", ""), 1),  # a length is clearer
     ({"drive"}, "u", ("V", ""), 2),
     ({"voltage"}, "u", ("V", ""), 1),
     ({"command", "reference", "drive"}, "u", ("1",), 1),  # counts of a converter
