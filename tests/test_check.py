@@ -14,6 +14,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 
 import flexdesign as fd
 from flexdesign.diagnosis.check import coverage, suspicion, timing
+from flexdesign.diagnosis.check.outliers import outliers
 from flexdesign.measurements.recordings import Run, write_run
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -73,6 +74,35 @@ def test_triangles_of_falling_heights_are_no_multisine() -> None:
     rng = np.random.default_rng(3)
     slow = sum(np.cos(2 * np.pi * k * T / 4 + rng.uniform(0, 6.28)) for k in range(1, 12))
     assert "multisine" in coverage.kinds_of(run("a", slow, reading(slow)))
+
+
+def test_codes_for_overrange_are_named() -> None:
+    """Nine samples of a code in a row, and single lost bits in another run; the range of a sensor is a remedy."""
+    one, other = clean()
+    code = one.measured().copy()
+    code[1101:1110] = 9999e-6
+    text = said(run("a", one.command(), code), other)
+    assert "a: x jumps to 9999 um and back in 9 samples, the first at 1.101 s, while no command jumps" in text
+    assert "leave their cells empty" in text
+    u = 50 - 50 * np.cos(2 * np.pi * 1.5 * T)
+    lost = reading(u)
+    lost[[700, 1500, 2200]] -= 40e-6
+    lost[1000] = np.nan
+    assert "and back in 3 samples, the first at 0.7 s" in said(run("a", u, lost), other)
+
+
+def test_no_motion_is_taken_for_an_outlier() -> None:
+    """Steps, short pulses and noise as commands, with resonances up to the Nyquist frequency, and coarse readings."""
+    pulses = 20.0 + 50 * (np.arange(N) % 400 < 3)
+    steps = np.repeat([0.0, 100.0, 30.0, 70.0], N // 4)
+    still = np.full(N, 3.0)
+    noise = np.random.default_rng(4).normal(size=N)
+    for u in (multisine(1), pulses, steps, still, noise):
+        for f0 in (20.0, 90.0, 250.0, 480.0):
+            for sigma in (0.0, NOISE):
+                x = reading(u, 3, f0=f0, noise=sigma)
+                for made in (x, 1e-7 * np.round(x / 1e-7)):
+                    assert not len(outliers(run("a", u, made), "x"))
 
 
 def test_equal_commands_in_fitted_and_validation_runs() -> None:

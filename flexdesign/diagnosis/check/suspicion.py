@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.check.coverage import STILL_CHANGE
+from flexdesign.diagnosis.check.outliers import outliers
 from flexdesign.diagnosis.check.timing import timing_of
 from flexdesign.estimation.noise.whitening import stretches
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
@@ -156,6 +157,7 @@ def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
     if run.si[response] == "V" and column is not None:
         remedy = "if that is the voltage of a sensor, give its scale when you import it"
         found.append(Suspicion("", f"{response} is in volts", remedy))
+    found += _of_outliers(name, run, response)
     if column is None or np.ptp(run.columns[column]) == 0:
         return found
     if (agrees := coherence(run.columns[column], values)) is not None and agrees < LEAST_COHERENCE:
@@ -171,6 +173,22 @@ def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
             remedy = 'the command was held: write between_samples = "hold" in measurements.toml; else it looks late'
             found.append(Suspicion(name, what, remedy))
     return found
+
+
+def _of_outliers(name: str, run: Run, response: str) -> list[Suspicion]:
+    samples = outliers(run, response)
+    if not len(samples):
+        return []
+    values, si = run.columns[response][samples], run.si[response]
+    factor, unit = (1e6, f"u{si}") if si in ("m", "rad") else (1.0, si)
+    said = " to ".join(dict.fromkeys(f"{factor * value:.5g}" for value in (values.min(), values.max())))
+    count = f"{len(samples)} sample{'s' if len(samples) > 1 else ''}"
+    what = (
+        f"{response} jumps to {said} {unit} and back in {count}, the first at {run.time[samples[0]]:.6g} s, while no "
+    )
+    what += "command jumps: these are no motion"
+    remedy = "leave their cells empty; if the sensor writes that beyond its range, state its range in measurements.toml"
+    return [Suspicion(name, what, remedy)]
 
 
 def coherence(command: Array, response: Array) -> float | None:
