@@ -7,7 +7,6 @@ it bends, and there the mesh must be fine and true.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -309,10 +308,3 @@ def _lengthwise(hinge: Member, inward: FloatArray, rays: Rays) -> Member:
 def main_direction(ways: FloatArray) -> FloatArray:
     """Return the unit vector that unit vectors (n, 3) are most parallel to, whichever way they point."""
     return np.asarray(np.linalg.eigh(ways.T @ ways)[1][:, -1])
-
-
-def describe(hinges: Sequence[Member]) -> list[str]:
-    """Return the hinges in words: name, thickness and place."""
-    return [
-        f"{h.name}: {1e3 * h.thickness:.4g} mm at ({', '.join(f'{1e3 * x:.4g}' for x in h.centre)}) mm" for h in hinges
-    ]
