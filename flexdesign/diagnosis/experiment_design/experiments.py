@@ -196,7 +196,7 @@ class _Maker:
                 f"{why} leaves {100 * share:.2g} % of what {name} needs; allow a faster slew, or a lower --bandwidth"
             )
             raise InputError("command line", "plan", name, remedy)
-        return share, f"{100 * share:.0f} %, {why}" if why else ""
+        return share, f"reduced to {100 * share:.0f} % by the {why}" if why else ""
 
     def _too_far(self, samples: Array) -> float:
         """Return the largest motion from the middle of the static range, per what is allowed."""
@@ -246,7 +246,7 @@ def _multisines(maker: _Maker) -> list[Command]:
 
             share, why = maker.within(name, make)
             samples, begins = maker.about(share * size, wave, maker.times.settling)
-            purpose = f"resonance, damping, delay at {100 * size:.0f} % of the range, phases {realisation}"
+            purpose = f"resonance, damping, delay at {100 * share * size:.2g} % of the range, phases {realisation}"
             marks = tuple(begins + (1 + k) * period for k in range(PERIODS_KEPT + 1))
             found.append(
                 Command(name, "multisine", purpose, samples, maker.period, marks=marks, cycle=period, scaled=why)
