@@ -25,8 +25,8 @@ STILL_CHANGE, STEP_CHANGE = 1e-3, 0.02
 QUIET_SAMPLES, STEP_HOLD = 100, 10.0
 #: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
 BROAD_OCTAVES, LINE_LEVEL = 2.0, 5e-3
-#: A command is made of straight lines if, of so many samples, this share holds all squares of its second differences
-#: but for this part. Of normal noise a tenth holds less than half. So few samples that rounded numbers are no curve.
+#: A command is made of straight lines if, of this number of its samples, this share holds all squares of the second
+#: differences but for this part. Of normal noise a tenth holds less than half. Of more samples, rounding is a curve.
 STRAIGHT_SAMPLES, CORNERS, CURVED = 1000, 0.1, 0.02
 #: Least number of samples of a rise, a fall or a rest.
 STROKE_SAMPLES = 10

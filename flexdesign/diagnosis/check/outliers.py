@@ -11,7 +11,7 @@ from flexdesign.measurements.recordings import Run
 Array = NDArray[np.float64]
 #: No more samples lie between a jump and the jump back: a stage that moves on its own comes back slowly.
 LONGEST = 20
-#: So many samples before and after are compared with.
+#: Samples before and after that a jump is compared with.
 AROUND = 25
 #: A jump is this many times the largest one around it. Of a resonance, successive jumps differ by less: even at a
 #: damping ratio of 0.4 a swing is a quarter of the one before. Of 50 samples of normal noise none is twice the largest
