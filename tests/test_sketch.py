@@ -462,12 +462,12 @@ def test_a_cutter_gets_both_sides_of_a_notch(profile: str, kind: str, tmp_path: 
 def test_the_report_names_leaves_that_are_no_beams() -> None:
     from types import SimpleNamespace
 
-    from flexdesign.report.validation import validation_report
+    from flexdesign.report.validation import solid_section
 
     for thickness, named in (("0.5 mm", False), ("25 mm", True)):
         design = sketch("parallelogram", f"dimensions.thickness={thickness}")
         told = SimpleNamespace(domain=SimpleNamespace(thin=None), study=SimpleNamespace(design=design))
-        notes = " ".join(validation_report._solid(told).paragraphs)  # type: ignore[arg-type]
+        notes = " ".join(solid_section.section(told).paragraphs)  # type: ignore[arg-type]
         assert ("leaf (25 mm thick on 20 mm of length), leaf_x" in notes) == named == bool(notes)
     assert not sketch("bridge").part().notes()  # type: ignore[attr-defined]  # a stout rod hardly gives way
 
