@@ -15,7 +15,7 @@ ASKED = trial.settings()
 
 # With 95 % right in the long run, more cases than these are wrong once in a hundred times.
 @pytest.mark.parametrize(
-    ("numbers", "allowed"), [(ASKED.ci, 2), pytest.param(ASKED.guard, 4, marks=pytest.mark.slow)], ids=["few", "all"]
+    ("numbers", "allowed"), [(ASKED.ci, 1), pytest.param(ASKED.guard, 4, marks=pytest.mark.slow)], ids=["few", "all"]
 )
 def test_the_diagnosis_names_what_is_hidden(tmp_path: Path, numbers: Sequence[int], allowed: int) -> None:
     outcomes = trial.run(numbers, tmp_path, jobs=1, seconds=ASKED.seconds, say=print)
