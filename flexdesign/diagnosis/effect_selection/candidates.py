@@ -88,9 +88,8 @@ def candidates(
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effects.find(name))):
             continue
-        if (
-            name == "sensor_delay" and not at_stack
-        ):  # elsewhere no recording distinguishes it from a delay of the command
+        # Elsewhere than behind the stack no recording distinguishes it from a delay of the command.
+        if name == "sensor_delay" and not at_stack:
             continue
         if band is not None and not spectrum.shows(effects.find(name)):
             continue

@@ -50,8 +50,7 @@ def _strength(fit: FittedModel, name: str) -> Estimate:
 
     Where it differs from run to run, the mean over the fitted runs, with its interval by the covariance.
     """
-    differing = [p for p in fit.solution.problem.where.parameters if p.run and p.name.endswith(f":{name}")]
-    if not differing:
+    if not fit.deviations(name):
         return intervals(fit.solution, [name])[0]
     mean, half = fit.mean_over_runs(name)
     return Estimate(parameter_of(fit.model, name), mean, half / HALF_WIDTH, (mean - half, mean + half), True)

@@ -143,10 +143,14 @@ class FittedModel:
             return math.inf
         return HALF_WIDTH * math.sqrt(max(float(self.solution.covariance[j, j]) * self.discrepancy, 0.0))
 
+    def deviations(self, name: str) -> list[str]:
+        """Return the deviations of the fitted runs from a number, by name; none if it is one for all runs."""
+        return [p.name for p in self.solution.problem.where.parameters if p.run and p.name.endswith(f":{name}")]
+
     def mean_over_runs(self, name: str) -> tuple[float, float]:
         """Return a number with the mean of the deviations of the fitted runs, and half its 95 % interval."""
+        own = self.deviations(name)
         names = self.solution.problem.where.names
-        own = [each for each in names if each.endswith(f":{name}")]
         contrast = np.array([(each == name) + (each in own) / max(len(own), 1) for each in names])
         variance = float(contrast @ self.solution.covariance @ contrast) * self.discrepancy
         return float(contrast @ self.solution.x), HALF_WIDTH * math.sqrt(max(variance, 0.0))
