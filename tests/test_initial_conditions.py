@@ -116,9 +116,11 @@ def test_initial_conditions_are_an_offset_a_mode_that_rings_and_slow_states() ->
     offset, cosine, sine, *slow = columns.T
     t, w = run.time, 2 * math.pi * AXIS.natural_frequency
     assert np.all(offset == 1) and math.isinf(sizes[0])
-    # Both parts of the ringing of a mode with no force on it, whatever its phase.
-    decay = np.exp(-AXIS.damping_ratio * w * t)
-    assert np.hypot(cosine, sine) == pytest.approx(decay)
+    # Both solve the equation of a mode with no force on it: by their values every other sample, it recurs.
+    decay, damped = np.exp(-AXIS.damping_ratio * w * PERIOD), w * PERIOD * math.sqrt(1 - AXIS.damping_ratio**2)
+    for part, begun in ((cosine, 1.0), (sine, 0.0)):
+        assert part[0] == begun
+        assert part[2:] == pytest.approx(2 * decay * math.cos(damped) * part[1:-1] - decay**2 * part[:-2], abs=1e-12)
     assert len(slow) == 4
     for column, size, (tau, share) in zip(slow, sizes[3:], pairs("creep", CREEP), strict=True):
         assert column == pytest.approx(np.exp(-t / tau))
@@ -127,6 +129,18 @@ def test_initial_conditions_are_an_offset_a_mode_that_rings_and_slow_states() ->
     assert columns.shape == (500, 3)
     sweep = FrequencyResponse("sweep", np.array([1.0, 2.0]), np.ones(2, dtype=complex))
     assert InitialConditions(acting(creep=CREEP), stroke)(sweep)[0].shape == (4, 0)
+
+
+def test_every_mode_of_an_axis_rings() -> None:
+    axis = acting(second_mode={"share": 0.1, "frequency": 170.0, "damping_ratio": 0.01})
+    run = made("run", np.zeros(500))
+    columns, sizes = InitialConditions(axis, 50e-6)(run)
+    assert columns.shape == (500, 5) and sizes[1:] == pytest.approx([5e-6] * 4)
+    # Released from 1 um, a mode alone: x = e^(-zeta w t) (cos w_d t + zeta w / w_d sin w_d t).
+    w, zeta = 2 * math.pi * 170.0, 0.01
+    damped = w * math.sqrt(1 - zeta**2)
+    released = np.exp(-zeta * w * run.time) * (np.cos(damped * run.time) + zeta * w / damped * np.sin(damped * run.time))
+    assert columns[:, 3] + zeta * w / damped * columns[:, 4] == pytest.approx(released)
 
 
 # --- comparisons ----------------------------------------------------------------------------------------------------

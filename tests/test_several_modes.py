@@ -18,7 +18,7 @@ from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
-from flexdesign.measurements.recordings import FrequencyResponse
+from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 from flexdesign.report.diagnosis import diagnosis_result, diagnosis_text
 
 Array = NDArray[np.float64]
@@ -112,6 +112,42 @@ def test_a_further_mode_is_written_and_read_and_comes_after_the_first(tmp_path: 
     result = diagnosis_result.result(found, [])
     assert [each["name"] for each in result["effects"]] == ["second_mode", "second_mode.2"]
     json.dumps(result, allow_nan=False)
+
+
+STEADY = {
+    "narrow": [(0.03, 291.0, 0.002)],
+    "below": [(0.05, 61.0, 0.003)],
+    "two": [(0.1, 233.0, 0.004), (-0.03, 371.0, 0.003)],
+}
+
+
+def steady(name: str, role: Role, seed: int, modes: Sequence[Mode]) -> Run:
+    """One period of a multisine that has run for long: the record begins while all modes ring. Noise: 20 nm."""
+    rng, rate, count = np.random.default_rng(seed), 4000.0, 6000
+    f = np.fft.rfftfreq(count, 1 / rate)
+    sent = np.where((f >= 2) & (f <= 400), np.exp(2j * np.pi * rng.random(len(f))) / np.maximum(f, 20), 0)
+    command, answer = (np.fft.irfft(line, count) for line in (sent, sent * formula(f, 120.0, modes)))
+    size = 10 / np.abs(command).max()
+    reading = size * answer + 2e-8 * rng.standard_normal(count)
+    columns, units = {"u": size * command, "x": reading}, {"u": "V", "x": "m"}
+    return Run(name, np.arange(count) / rate, columns, units, "smooth", role, between_is_stated=True, role_is_stated=True)
+
+
+@pytest.mark.parametrize("modes", list(STEADY))
+def test_modes_are_found_in_records_that_begin_while_they_ring(modes: str) -> None:
+    """They are narrower than the steps of the catalogue's frequencies, and ring by more than the stroke."""
+    truth = STEADY[modes]
+    roles: list[Role] = ["identify", "validate", "test"]
+    runs = [steady(role, role, seed, truth) for seed, role in enumerate(roles)]
+    axis = AxisModel(123.0, 0.03, 1.98e-6, uncertainty={"natural_frequency": 0.05, "gain": 0.1, "damping_ratio": 0.5})
+    found = diagnose(StageModel({"x": axis}), runs, threads=1)
+    assert (found.verdict, found.remainder) == ("effects-found", "")
+    assert len(found.effects) == len(truth)
+    assert found.validation_error == pytest.approx(2e-8, rel=0.3)
+    for share, at, zeta in truth:
+        near = min(found.effects, key=lambda named: abs(named.values[1].value - at))
+        for value, number in zip(near.values, (share, at, zeta), strict=True):
+            assert value.value == pytest.approx(number, rel=0.025)
 
 
 def test_another_mode_is_tried_beside_one_only() -> None:

@@ -19,7 +19,7 @@ from flexdesign.diagnosis.effect_names import known_effect
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
 from flexdesign.diagnosis.identify import known_axis
-from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.preparation import mode_frequencies, periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, SelectionHistory, Value
@@ -122,8 +122,9 @@ def add(
 
         @cache
         def alone(fit: FittedModel) -> tuple[Candidate]:
-            lines = periodic_disturbances.frequencies(data, fit)
-            return (candidates.candidate_of(dynamics, effects.find(name), name, fields.AXIS_FIELDS.get(name), lines),)
+            lines, peaks = periodic_disturbances.frequencies(data, fit), mode_frequencies.peaks(data, fit)
+            number = fields.AXIS_FIELDS.get(name)
+            return (candidates.candidate_of(dynamics, effects.find(name), name, number, lines, peaks),)
 
         task, gone = procedure.search(data, task, dynamics, alone)
         (candidate,) = alone(gone.calibration)

@@ -27,7 +27,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 from flexdesign.diagnosis.effect_selection.linear_system import is_better_linear
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
-from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.preparation import mode_frequencies, periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.truncated_runs import truncate
@@ -161,7 +161,8 @@ def catalogue(
     return candidates(
         dynamics,
         more,
-        periodic_disturbances.frequencies(data, fit) if data.runs else periodic_disturbances.peaks(data, fit),
+        periodic_disturbances.frequencies(data, fit) if data.runs else (),
+        mode_frequencies.peaks(data, fit),
         loaded=data.is_loaded,
         at_stack=data.is_at_stack,
         swings="natural_frequency" in fit.solution.problem.where.names,

@@ -52,6 +52,7 @@ def candidates(
     model: AxisDynamics,
     more: Sequence[str] = (),
     lines: Sequence[float] = (),
+    peaks: Sequence[float] = (),
     *,
     loaded: bool = False,
     at_stack: bool = False,
@@ -67,7 +68,9 @@ def candidates(
     more
         Paths of further effects.
     lines
-        Frequencies [Hz] of sinusoids that were seen in quiet records, or of peaks that frequency responses leave.
+        Frequencies [Hz] of sinusoids that were seen in quiet records.
+    peaks
+        Frequencies [Hz] at which the residual shows modes.
     loaded
         Whether some runs carry a known mass: then the table's own mass shows.
     at_stack
@@ -97,7 +100,7 @@ def candidates(
         present = {p.name: p.start for p in model.parameters()}
         if number is not None and present[number] not in (0.0, math.inf):
             continue
-        candidate = candidate_of(model, effects.find(name), name, number, lines, band)
+        candidate = candidate_of(model, effects.find(name), name, number, lines, peaks, band)
         after = _before(name)
         made.append(candidate if after in model.axis.effects else replace(candidate, after=after))
     return tuple(made)
@@ -120,6 +123,7 @@ def candidate_of(
     name: str,
     number: str | None,
     lines: Sequence[float],
+    peaks: Sequence[float] = (),
     band: tuple[float, float] | None = None,
 ) -> Candidate:
     """Return one effect as a candidate.
@@ -132,7 +136,7 @@ def candidate_of(
         The effect, and the name under which `flexdesign.effects.find` has it.
     number
         The parameter of driver, sensor or controller that represents it, if any.
-    lines, band
+    lines, peaks, band
         See `candidates`.
     """
     with_it = {p.name: p for p in model.with_effect(effect, name).parameters()}
@@ -147,13 +151,18 @@ def candidate_of(
     free = tuple(p.name for p in own if not p.per_run and p.name.rpartition(".")[2] != power)
     phase = next((p.name for p in own if p.per_run and p.si == "rad"), "")
     frequency = next((p.name for p in own if p.si == "Hz"), "")
-    is_mode = band is not None and any(isinstance(face, Resonance) for face in effect.faces)
+    if any(isinstance(face, Resonance) for face in effect.faces):
+        # Far below the main mode, a lightly damped one imitates what a periodic command makes of any effect.
+        lowest = min((value for p in own if p.si == "Hz" for value in p.screen), default=0.0)
+        lines = [peak for peak in peaks if peak >= lowest]
+    elif not phase:
+        lines = ()
     return Candidate(
         name=name,
         add=lambda of: cast(AxisDynamics, of).with_effect(effect, name),
         strength=strength.name,
         free=free,
-        trials=_trials(own, lines if phase or is_mode else ()),
+        trials=_trials(own, lines),
         phase=phase,
         signed=strength.plausible[0] < 0,
         has_own_trials=bool(strength.screen),

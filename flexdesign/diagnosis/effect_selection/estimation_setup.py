@@ -16,6 +16,7 @@ from flexdesign.core.model import Model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
     InitialConditions,
+    modes,
     prior_of_initial_condition,
     relaxing,
     with_initial_conditions,
@@ -180,14 +181,13 @@ def find_undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str
 
 
 def with_beginnings(task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None) -> EstimationTask:
-    """Return the case with the initial conditions of a calibrated model, and of slow effects that are added to it."""
-    calibrated_axis = model.axis
+    """Return the case with the initial conditions of a calibrated model, and of modes and slow effects added to it."""
+    calibrated = len(modes(model.axis))
 
     def prepared(own: EstimationTask, other: Model) -> EstimationTask:
         its = cast(AxisDynamics, other)
-        if not relaxing(its.axis):
+        if not relaxing(its.axis) and len(modes(its.axis)) == calibrated:
             return own
-        axis = replace(calibrated_axis, effects=its.axis.effects)
-        return with_initial_conditions(own, replace(its, axis=axis), noise)
+        return with_initial_conditions(own, its, noise)
 
     return replace(with_initial_conditions(task, model, noise), prepared=prepared)

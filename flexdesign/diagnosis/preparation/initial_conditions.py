@@ -14,6 +14,8 @@ from flexdesign import effects
 from flexdesign.core.model import Block, Model, Observation, Parameter
 from flexdesign.dynamics.axis.axis_model import REVERSALS, TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
+from flexdesign.dynamics.signal_chain.chain import Oscillator
+from flexdesign.dynamics.stage_dynamics import chain
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.whitening import Whitening
@@ -21,7 +23,7 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
 #: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
-#: share of the stroke that the mode swings by.
+#: share of the stroke that a mode swings by.
 TRIGGER_DEVIATION, TURNING_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
 #: Before the first fit, delays are tried up to this one, at this spacing, both in periods of the mode.
 LARGEST_DELAY, DELAY_SPACING = 2.0, 0.125
@@ -54,7 +56,7 @@ class InitialConditions:
     Parameters
     ----------
     axis
-        Its main mode rings as a record begins, and slow states of its effects relax.
+        Its modes ring as a record begins, and slow states of its effects relax.
     stroke
         What the gain makes of the largest command [response].
     """
@@ -68,13 +70,22 @@ class InitialConditions:
             return np.zeros((len(observation.measured()), 0)), np.zeros(0)
         run = cast(Run, observation)
         t = run.time - run.time[0]
-        w = 2 * math.pi * self.axis.natural_frequency
-        ringing = np.exp(-self.axis.damping_ratio * w * t)
-        slow = relaxing(self.axis)
-        columns = [np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t)]
-        columns += [np.exp(-t / tau) for tau, _ in slow]
-        sizes = [math.inf, *2 * [RINGING_DEVIATION * self.stroke], *(share * self.stroke for _, share in slow)]
+        columns, sizes = [np.ones_like(t)], [math.inf]
+        for mode in modes(self.axis):
+            w = 2 * math.pi * mode.frequency
+            damped = w * math.sqrt(max(1 - mode.damping_ratio**2, 0.0))
+            ringing = np.exp(-mode.damping_ratio * w * t)
+            columns += [ringing * np.cos(damped * t), ringing * np.sin(damped * t)]
+            sizes += 2 * [RINGING_DEVIATION * self.stroke]
+        for tau, share in relaxing(self.axis):
+            columns.append(np.exp(-t / tau))
+            sizes.append(share * self.stroke)
         return np.column_stack(columns), np.array(sizes)
+
+
+def modes(axis: AxisModel) -> tuple[Oscillator, ...]:
+    """Return the modes of an axis, the main one first, as its effects leave them."""
+    return chain("", axis).modes
 
 
 def relaxing(axis: AxisModel) -> list[tuple[float, float]]:

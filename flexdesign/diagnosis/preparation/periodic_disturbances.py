@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 #: A line in the residual is sought in records of at least this number of samples without a gap.
 FEWEST_SAMPLES = 200
-#: Number of peaks in the residual of frequency responses at which modes are tried.
-PEAKS_TRIED = 6
 
 
 def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
@@ -45,25 +43,6 @@ def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
         if long:
             found |= {line.frequency for line in remove_sinusoids(long, period)[0]}
     return tuple(sorted(found))
-
-
-def peaks(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
-    """Return the frequencies [Hz] where measured frequency responses rise most above what a calibrated model predicts.
-
-    There the model may lack a mode; away from a resonance, where the response is small, the residual also exceeds
-    the noise.
-    """
-    from scipy.signal import find_peaks
-
-    found = list[tuple[float, float]]()
-    for each in data.responses:
-        if each.role == "identify":
-            left = np.hypot(*fit.residuals_by_run[each.name].reshape(2, -1)[:, each.present])
-            predicted = np.hypot(*(each.measured() - fit.residuals_by_run[each.name]).reshape(2, -1)[:, each.present])
-            places, about = find_peaks(left / predicted, prominence=0.0)
-            there = each.frequencies[each.present][places]
-            found += zip(about["prominences"].tolist(), there.tolist(), strict=True)
-    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS_TRIED])
 
 
 def _longest(name: str, remainder: np.ndarray) -> Stretch:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.comparison import holds
+from flexdesign.estimation.noise.cross_spectra import cross_spectra
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
 Array = NDArray[np.float64]
@@ -137,8 +138,6 @@ def coherence(traces: Sequence[Trace]) -> bytes:
     Runs of the period that most samples have are averaged. A linear model that is wrong leaves a coherent residual;
     what is nonlinear, or driven by something else than the command, does not.
     """
-    from scipy.signal import csd
-
     figure, axes = _figure(2.9)
     periods = {round(t.period, 9): 0 for t in traces}
     for t in traces:
@@ -147,21 +146,11 @@ def coherence(traces: Sequence[Trace]) -> bytes:
     chosen = [t for t in traces if round(t.period, 9) == period]
     lengths = [len(t.measured) for t in chosen]
     length = min([max(sum(lengths) // SEGMENTS, 16), *lengths])
-    across, commands, left, averages = 0.0, 0.0, 0.0, 0
-    for t in chosen:
-        u, r = t.command - t.command.mean(), np.nan_to_num(t.residual)
-        options = {"fs": 1 / t.period, "nperseg": length}
-        segments = max((len(u) - length // 2) // (length - length // 2), 1)
-        frequency, cross = csd(u, r, **options)
-        across = across + segments * cross
-        commands = commands + segments * csd(u, u, **options)[1].real
-        left = left + segments * csd(r, r, **options)[1].real
-        averages += segments
-    product = np.maximum(commands * left, 1e-300)
-    share = np.where(commands > 1e-9 * np.max(commands), np.abs(across) ** 2 / product, np.nan)
-    probability = 1 - EXCEEDED ** (1 / max(averages - 1, 1))
-    axes.semilogx(frequency[1:], share[1:], color=COLOURS[1], linewidth=1.4, label="command to residual")
-    axes.axhspan(0, probability, color=NEUTRAL, alpha=0.25, linewidth=0, label="by chance, 99 %")
+    spectra = cross_spectra([(t.command, t.residual) for t in chosen], period, length)
+    frequency = spectra.frequencies
+    axes.semilogx(frequency[1:], spectra.coherence[1:], color=COLOURS[1], linewidth=1.4, label="command to residual")
+    by_chance = spectra.exceeded_by_chance(EXCEEDED)
+    axes.axhspan(0, by_chance, color=NEUTRAL, alpha=0.25, linewidth=0, label="by chance, 99 %")
     axes.set_xlim(frequency[1], frequency[-1])
     axes.set_ylim(0, 1.02)
     axes.set_xlabel("frequency [Hz]")
