@@ -18,7 +18,7 @@ from flexdesign import effects
 from flexdesign.core.model import Block
 from flexdesign.diagnosis import initialised_comparison
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.preparation.initial_conditions import InitialConditions, relaxing
+from flexdesign.diagnosis.preparation.initial_conditions import initial_conditions, relaxing
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -112,7 +112,7 @@ def test_only_effects_with_slow_states_relax() -> None:
 
 def test_initial_conditions_are_an_offset_a_mode_that_rings_and_slow_states() -> None:
     run, stroke = made("run", np.zeros(500)), AXIS.gain * VOLTS
-    columns, sizes = InitialConditions(acting(creep=CREEP), stroke)(run)
+    columns, sizes = initial_conditions(acting(creep=CREEP), stroke)(run)
     offset, cosine, sine, *slow = columns.T
     t, w = run.time, 2 * math.pi * AXIS.natural_frequency
     assert np.all(offset == 1) and math.isinf(sizes[0])
@@ -125,21 +125,23 @@ def test_initial_conditions_are_an_offset_a_mode_that_rings_and_slow_states() ->
     for column, size, (tau, share) in zip(slow, sizes[3:], pairs("creep", CREEP), strict=True):
         assert column == pytest.approx(np.exp(-t / tau))
         assert size == pytest.approx(share * stroke)
-    columns, sizes = InitialConditions(AXIS, stroke)(run)
+    columns, sizes = initial_conditions(AXIS, stroke)(run)
     assert columns.shape == (500, 3)
     sweep = FrequencyResponse("sweep", np.array([1.0, 2.0]), np.ones(2, dtype=complex))
-    assert InitialConditions(acting(creep=CREEP), stroke)(sweep)[0].shape == (4, 0)
+    assert initial_conditions(acting(creep=CREEP), stroke)(sweep)[0].shape == (4, 0)
 
 
 def test_every_mode_of_an_axis_rings() -> None:
     axis = acting(second_mode={"share": 0.1, "frequency": 170.0, "damping_ratio": 0.01})
     run = made("run", np.zeros(500))
-    columns, sizes = InitialConditions(axis, 50e-6)(run)
+    columns, sizes = initial_conditions(axis, 50e-6)(run)
     assert columns.shape == (500, 5) and sizes[1:] == pytest.approx([5e-6] * 4)
     # Released from 1 um, a mode alone: x = e^(-zeta w t) (cos w_d t + zeta w / w_d sin w_d t).
     w, zeta = 2 * math.pi * 170.0, 0.01
     damped = w * math.sqrt(1 - zeta**2)
-    released = np.exp(-zeta * w * run.time) * (np.cos(damped * run.time) + zeta * w / damped * np.sin(damped * run.time))
+    released = np.exp(-zeta * w * run.time) * (
+        np.cos(damped * run.time) + zeta * w / damped * np.sin(damped * run.time)
+    )
     assert columns[:, 3] + zeta * w / damped * columns[:, 4] == pytest.approx(released)
 
 

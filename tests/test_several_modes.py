@@ -130,7 +130,9 @@ def steady(name: str, role: Role, seed: int, modes: Sequence[Mode]) -> Run:
     size = 10 / np.abs(command).max()
     reading = size * answer + 2e-8 * rng.standard_normal(count)
     columns, units = {"u": size * command, "x": reading}, {"u": "V", "x": "m"}
-    return Run(name, np.arange(count) / rate, columns, units, "smooth", role, between_is_stated=True, role_is_stated=True)
+    return Run(
+        name, np.arange(count) / rate, columns, units, "smooth", role, between_is_stated=True, role_is_stated=True
+    )
 
 
 @pytest.mark.parametrize("modes", list(STEADY))

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
-    InitialConditions,
+    initial_conditions,
     modes,
     prior_of_initial_condition,
     relaxing,
@@ -134,7 +134,7 @@ def case_of(
     screening, is_fast = max(min(screening, needed), least), least <= STEPS_OF_SCREENING
     # Small sines do not show how a loop bends.
     free = LINEAR_PARAMETERS + (HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
-    noise, shapes = data.whitening, InitialConditions(data.axis, stroke)
+    noise, shapes = data.whitening, initial_conditions(data.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
         own = {p.name: prior_of_initial_condition(p, data.runs, max_command, of) for p in of.parameters() if p.run}

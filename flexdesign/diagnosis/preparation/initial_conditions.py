@@ -14,7 +14,6 @@ from flexdesign import effects
 from flexdesign.core.model import Block, Model, Observation, Parameter
 from flexdesign.dynamics.axis.axis_model import REVERSALS, TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
-from flexdesign.dynamics.signal_chain.chain import Oscillator
 from flexdesign.dynamics.stage_dynamics import chain
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -55,13 +54,16 @@ class InitialConditions:
 
     Parameters
     ----------
-    axis
-        Its modes ring as a record begins, and slow states of its effects relax.
+    modes
+        Frequency [Hz] and damping ratio of each mode, which rings as a record begins.
+    slow
+        Time constants [s] of slow states, which relax, and how large each may be [strokes].
     stroke
         What the gain makes of the largest command [response].
     """
 
-    axis: AxisModel
+    modes: tuple[tuple[float, float], ...]
+    slow: tuple[tuple[float, float], ...]
     stroke: float
 
     def __call__(self, observation: Observation) -> tuple[Array, Array]:
@@ -70,22 +72,30 @@ class InitialConditions:
             return np.zeros((len(observation.measured()), 0)), np.zeros(0)
         run = cast(Run, observation)
         t = run.time - run.time[0]
-        columns, sizes = [np.ones_like(t)], [math.inf]
-        for mode in modes(self.axis):
-            w = 2 * math.pi * mode.frequency
-            damped = w * math.sqrt(max(1 - mode.damping_ratio**2, 0.0))
-            ringing = np.exp(-mode.damping_ratio * w * t)
-            columns += [ringing * np.cos(damped * t), ringing * np.sin(damped * t)]
-            sizes += 2 * [RINGING_DEVIATION * self.stroke]
-        for tau, share in relaxing(self.axis):
-            columns.append(np.exp(-t / tau))
-            sizes.append(share * self.stroke)
+        columns = [np.ones_like(t)]
+        for frequency, damping_ratio in self.modes:
+            w = 2 * math.pi * frequency
+            damped, decay = w * math.sqrt(max(1 - damping_ratio**2, 0.0)), np.exp(-damping_ratio * w * t)
+            columns += [decay * np.cos(damped * t), decay * np.sin(damped * t)]
+        columns += [np.exp(-t / tau) for tau, _ in self.slow]
+        ringing = 2 * len(self.modes) * [RINGING_DEVIATION * self.stroke]
+        sizes = [math.inf, *ringing, *(share * self.stroke for _, share in self.slow)]
         return np.column_stack(columns), np.array(sizes)
 
+    def at(self, model: Model) -> InitialConditions:
+        """Return them for the modes of a model. Slow states stay: their sizes go with what is fitted."""
+        present = modes(cast(AxisDynamics, model).axis)
+        return replace(self, modes=present) if len(present) == len(self.modes) else self
 
-def modes(axis: AxisModel) -> tuple[Oscillator, ...]:
-    """Return the modes of an axis, the main one first, as its effects leave them."""
-    return chain("", axis).modes
+
+def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:
+    """Return what may be added to a record of an axis whose gain makes `stroke` of the largest command [response]."""
+    return InitialConditions(modes(axis), tuple(relaxing(axis)), stroke)
+
+
+def modes(axis: AxisModel) -> tuple[tuple[float, float], ...]:
+    """Return frequency [Hz] and damping ratio of the modes of an axis with its effects, the main one first."""
+    return tuple((mode.frequency, mode.damping_ratio) for mode in chain("", axis).modes)
 
 
 def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
@@ -103,7 +113,7 @@ def with_initial_conditions(
     task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None
 ) -> EstimationTask:
     """Return the task with the initial conditions that a model has, and perhaps with other noise."""
-    shapes = InitialConditions(model.axis, model.stroke)
+    shapes = initial_conditions(model.axis, model.stroke)
     identify, validate = (dataset.with_shapes(shapes, noise) for dataset in (task.identify, task.validate))
     test = task.test.with_shapes(shapes, noise) if task.test else None
     return replace(task, identify=identify, validate=validate, test=test)

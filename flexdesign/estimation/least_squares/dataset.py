@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Observation
+from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 from flexdesign.estimation.noise.whitening import Whitening
 
@@ -25,6 +26,17 @@ NULL_SPACE_TOLERANCE = 1e-10
 SIMULATION_ROUNDING = 1e-7
 #: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
+
+
+@runtime_checkable
+class ModelShapes(Protocol):
+    """Columns that follow from the numbers of a model: as many whatever these are."""
+
+    def __call__(self, observation: Observation) -> tuple[Array, Array]:
+        """Return the columns, samples by k, and how large each may be [response]."""
+
+    def at(self, model: Model) -> ModelShapes:
+        """Return the columns of a model; equal to these where they are the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +105,7 @@ class Dataset:
     """
 
     def __init__(self, observations: Sequence[Observation], noise: Whitening, shapes: Shapes) -> None:
-        self.noise = noise
+        self.noise, self.shapes = noise, shapes
         self.records = tuple(self._record(observation, *shapes(observation)) for observation in observations)
         parts = [self.whitened(record, record.measured) for record in self.records]
         #: Norm of the measured data, whitened.
@@ -104,6 +116,16 @@ class Dataset:
     def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Dataset:
         """Return the data set with other columns that may add to its observations, and perhaps with other noise."""
         return Dataset([record.observation for record in self.records], noise or self.noise, shapes)
+
+    def at(self, model: Model) -> Dataset:
+        """Return the data set with the columns that a model has."""
+        shapes = self._shapes_at(model)
+        return self if shapes == self.shapes else self.with_shapes(shapes)
+
+    def record_at(self, record: Record, model: Model) -> Record:
+        """Return one of its records with the columns that a model has."""
+        shapes = self._shapes_at(model)
+        return record if shapes == self.shapes else self._record(record.observation, *shapes(record.observation))
 
     def part(self, names: Sequence[str]) -> Dataset:
         """Return the data set of some of its observations."""
@@ -153,6 +175,9 @@ class Dataset:
         parts = [part[: len(record.measured)] for record, part in pairs]
         weighted = sum(float(part @ part) * estimate_autocorrelation(part).inflation for part in parts)
         return max(weighted / self.samples, 1.0)
+
+    def _shapes_at(self, model: Model) -> Shapes:
+        return self.shapes.at(model) if isinstance(self.shapes, ModelShapes) else self.shapes
 
     def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
         measured = np.asarray(observation.measured(), dtype=float)

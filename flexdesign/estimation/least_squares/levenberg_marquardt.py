@@ -264,7 +264,7 @@ class _Search:
     def solution(self) -> Solution:
         """Return where the search stands."""
         residuals, jacobian = tuple(self.residuals), tuple(self.jacobian)
-        return Solution(self.problem, self.x, self.cost, residuals, jacobian, self.normal)
+        return Solution(self.problem.at_solution(self.x), self.x, self.cost, residuals, jacobian, self.normal)
 
 
 def _normal(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock]) -> Array:

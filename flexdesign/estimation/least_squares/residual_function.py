@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,6 +112,12 @@ class Problem:
             dataset or self.dataset, self.model, self.where, self.each, self.jacobian_model, central, self._count
         )
 
+    def at_solution(self, x: Array) -> Problem:
+        """Return the problem with the columns that the model has at a point."""
+        made = copy(self)
+        made.dataset = self.dataset.at(self.at(x))
+        return made
+
     def fixed(self, j: int, coordinate: float, x: Array) -> Problem:
         """Return the problem of the other coordinates, which start from `x`, with one of them held."""
         where = self.where
@@ -157,6 +164,7 @@ class Problem:
         self._count.add()
         try:
             with np.errstate(all="ignore"):
+                record = self.dataset.record_at(record, model)
                 return self.dataset.residual(record, np.asarray(model.predict(record.observation)))
         except (ArithmeticError, np.linalg.LinAlgError, InputError):
             return None

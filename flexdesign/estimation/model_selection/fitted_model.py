@@ -214,7 +214,8 @@ def _fits(old: Columns, dataset: Dataset) -> bool:
 def evaluate_fit(task: EstimationTask, solution: Solution, effects: tuple[Candidate, ...]) -> FittedModel | None:
     """Predict the validation runs with a fitted model, whose initial conditions there are fitted first."""
     model, held = solution.problem.at(solution.x), 0.0
-    task = replace(task.prepared(task, model), identify=solution.problem.dataset)
+    task = task.prepared(task, model)
+    task = replace(task, identify=solution.problem.dataset, validate=task.validate.at(model))
     if task.validate.records:
         begun = fit_initial_states(task, task.validate, search_initial_states(task, task.validate, model))
         if begun is None:
