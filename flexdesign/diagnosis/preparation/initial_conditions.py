@@ -83,9 +83,12 @@ class InitialConditions:
         return np.column_stack(columns), np.array(sizes)
 
     def at(self, model: Model) -> InitialConditions:
-        """Return them for the modes of a model. Slow states stay: their sizes go with what is fitted."""
+        """Return them for the modes of a model, if it has several.
+
+        One mode rings as it was calibrated: in a fit it would follow whatever is slow in a record.
+        """
         present = modes(cast(AxisDynamics, model).axis)
-        return replace(self, modes=present) if len(present) == len(self.modes) else self
+        return replace(self, modes=present) if 1 < len(present) == len(self.modes) else self
 
 
 def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:

@@ -192,14 +192,16 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
 def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     """Return the best of accepted trials, of which the first has the least BIC.
 
-    Where all are approximations, one that fits alike and predicts better by a stated share comes before it.
+    Where all are approximations, others that fit alike come before it: one whose numbers all are within what is
+    plausible, where its own are not; and one that predicts better by a stated share.
     """
     if not accepted or not accepted[0].fit.exceeds_noise or not task.validate.records:
         return next(iter(accepted), None)
-    first, best = accepted[0], min(accepted, key=lambda trial: trial.error)
-    is_alike = criterion.cannot_tell_apart(bic_lead(first.fit, best.fit), first.fit.discrepancy)
-    is_more = criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE
-    return best if is_alike and is_more else first
+    first = accepted[0]
+    alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
+    plausible = [trial for trial in alike if not trial.fit.at_bound()] or alike
+    first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
+    return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
 
 
 def is_indistinguishable(a: FittedModel, b: FittedModel) -> bool:
