@@ -215,6 +215,7 @@ def solve(
     output = next((port.name for port in space.ports if port.role == "output"), "")
     rigid = [port for port in space.ports if port.rigid and port.name in space.retained]
     thin_nodes = _thin_nodes(body, domain)
+    roots = domain.thin.roots_of_hinges.inside(domain.planes) if domain.thin is not None else None
     peaks = np.zeros(6 if len(thin_nodes) else 0)
     solver, memory = "", 0
     for cls in port_compliance.classes(domain)[: None if all_classes else 1]:
@@ -253,7 +254,8 @@ def solve(
         thin_nodes=thin_nodes,
         peaks=peaks,
         facts={
-            "sharp": domain.thin is not None and domain.thin.is_sharp,
+            "sharp": roots is not None and roots.is_sharp,
+            "unresolved fillet": roots.unresolved(mesh.points, mesh.facets) if roots is not None else None,
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),

@@ -64,6 +64,8 @@ def peak(validation: Validation) -> str:
             "neither error nor safety. Judge by the nominal hinge stress, or give the roots the fillet that the cutter "
             "will leave (dimensions.fillet_radius)."
         )
+    if validation.unresolved_fillet:
+        return f"{validation.unresolved_fillet} Peaks of these meshes relative to the finest: {seen}."
     return (
         "The roots are round, and the peak approaches a limit (peaks of these meshes relative to the finest: "
         f"{seen}). Its value is that of the finest mesh, its error what the mesh before leaves to it if errors "

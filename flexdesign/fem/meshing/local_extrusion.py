@@ -27,6 +27,10 @@ FloatArray = NDArray[np.float64]
 INSIDE = (0.25, 0.5)
 #: Chord error allowed on curves, in edge lengths wanted there: with less, needles lie next to long triangles.
 SAGITTA = 0.01
+#: Smallest fillets that meshes resolve, in thicknesses: triangles shrink towards an edge at little cost, and smaller
+#: ones are broken edges or leftovers of the drawing. Edges across them, in radii, are as long as of parts that name
+#: their hinges (`methods`).
+LEAST_FILLET, ACROSS_FILLET = 0.02, 0.45
 #: Arms are what is no hinge: the thickness that a tenth of it does not have.
 THIN_ARM = 0.1
 
@@ -99,8 +103,9 @@ class LocalExtrusion(LocalThickness):
         shares = np.where(
             self._curved, [on_profile, *[np.full(len(ways), inside * coarseness)] * len(INSIDE)], straight
         )
-        places = np.vstack([*((thin.points + depth * ways)[sides] for depth in (0.0, *INSIDE)), thin.roots])
-        at_roots = methods.EXTRUDED_GRADING[0] * coarseness**2 * thin.at_roots
+        places = np.vstack([*((thin.points + depth * ways)[sides] for depth in (0.0, *INSIDE)), thin.roots.places])
+        sharp = methods.EXTRUDED_GRADING[0] * coarseness**2
+        at_roots = thin.roots.sizes(sharp, LEAST_FILLET, ACROSS_FILLET * coarseness**2)
         wanted = factor * np.concatenate([*(shares * thin.thickness)[:, sides], at_roots])
         places[:, section.axis] = (section.low + section.high) / 2
         largest = (self.largest or LARGEST * self._diagonal) * coarseness

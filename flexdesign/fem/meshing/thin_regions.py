@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flexdesign.core.model import Member
+from flexdesign.fem.meshing import reentrant_edges
+from flexdesign.fem.meshing.reentrant_edges import ReentrantEdges
 from flexdesign.fem.meshing.surface import Rays, Surface, surface_of
 
 FloatArray = NDArray[np.float64]
@@ -35,8 +37,6 @@ FEWEST = 4
 #: Chord error of the triangles by which thickness is measured, in the smallest thickness: with 1e-2 necks seemed 1 %
 #: thicker than they are, and true meshes were refused.
 TRUE = 5e-4
-#: An edge between faces is re-entrant where they meet at more than this angle.
-REENTRANT = np.radians(20.0)
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class ThinRegions:
         Shape (n,) [m].
     curved
         Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes.
-    roots, at_roots
-        Places on re-entrant edges, shape (k, 3) [m], and the thickness of the thin region next to them, shape (k,) [m].
+    roots
+        The re-entrant edges.
     hinges
         What is thin against the rest: members with thickness, length and width, for the report and the gate.
     chosen
@@ -65,8 +65,7 @@ class ThinRegions:
     inward: FloatArray
     thickness: FloatArray
     curved: FloatArray
-    roots: FloatArray
-    at_roots: FloatArray
+    roots: ReentrantEdges
     hinges: tuple[Member, ...] = ()
     chosen: tuple[IntArray, ...] = field(default=(), repr=False)
     slivers: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
@@ -86,13 +85,14 @@ class ThinRegions:
         return self.inward[np.concatenate([[], *self.chosen]).astype(np.int64)]
 
     @property
+    def roots_of_hinges(self) -> ReentrantEdges:
+        """The re-entrant edges next to a hinge."""
+        return self.roots.next_to(*self.middles_of_hinges())
+
+    @property
     def is_sharp(self) -> bool:
-        """Whether a re-entrant edge lies next to a hinge, so that the stress there grows without bound."""
-        if not len(self.roots):
-            return False
-        middles, thickness = self.middles_of_hinges()
-        away, nearest = cKDTree(middles).query(self.roots)
-        return bool(np.any(away < 0.75 * thickness[nearest]))
+        """Whether one of these is sharp, so that the stress there grows without bound."""
+        return self.roots_of_hinges.is_sharp
 
     @property
     def thinnest(self) -> float:
@@ -126,9 +126,10 @@ def find(solid: Any) -> ThinRegions:
     if len(slivers):
         places, inward, thickness, curved = (each[~is_sliver] for each in measured)
         hinges, chosen = gather_hinges(places, inward, thickness, body)
-    roots = _reentrant(fine, places, thickness)
+    thickest = max((hinge.thickness for hinge in hinges), default=float(thickness.min()))
+    roots = reentrant_edges.find(fine, places, thickness, thickest)
     hinges = tuple(_lengthwise(hinge, inward[on], rays) for hinge, on in zip(hinges, chosen, strict=True))
-    return ThinRegions(places, inward, thickness, curved, *roots, hinges, chosen, slivers)
+    return ThinRegions(places, inward, thickness, curved, roots, hinges, chosen, slivers)
 
 
 def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -168,52 +169,11 @@ def _wedges(surface: Surface) -> BoolArray:
     """Tell which pairs of plane faces meet at an edge, and so are no two sides of one thickness."""
     count = len(surface.normals)
     meet = np.zeros((count, count), dtype=bool)
-    for one, other in _pairs_at_edges(surface)[1].tolist():
-        meet[one, other] = meet[other, one] = True
+    faces = reentrant_edges.pairs_at_edges(surface)[1]
+    faces = np.unique(faces[faces[:, 0] != faces[:, 1]], axis=0)
+    meet[faces[:, 0], faces[:, 1]] = meet[faces[:, 1], faces[:, 0]] = True
     plane = ~np.isnan(surface.normals[:, 0])
     return meet & np.outer(plane, plane)
-
-
-def _pairs_at_edges(surface: Surface) -> tuple[IntArray, IntArray, IntArray]:
-    """Return edges between two faces (k, 2), their faces (k, 2) and triangles (k, 2)."""
-    edges = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    triangle = np.repeat(np.arange(len(surface.triangles)), 3)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, triangle = edges[order], triangle[order]
-    same = np.flatnonzero(np.all(edges[1:] == edges[:-1], axis=1))
-    pairs = np.column_stack([triangle[same], triangle[same + 1]])
-    faces = surface.owners[pairs]
-    apart = faces[:, 0] != faces[:, 1]
-    return edges[same][apart], faces[apart], pairs[apart]
-
-
-def _reentrant(surface: Surface, places: FloatArray, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return places along re-entrant edges, and the thickness of the thin region next to them."""
-    edges, _, pairs = _pairs_at_edges(surface)
-    if not len(edges):
-        return np.zeros((0, 3)), np.zeros(0)
-    outward, corners = surface.outward, surface.corners
-    one, other = outward[pairs[:, 0]], outward[pairs[:, 1]]
-    bend = np.arccos(np.clip(np.einsum("ij,ij->i", one, other), -1.0, 1.0))
-    towards = corners[pairs[:, 1]].mean(axis=1) - surface.points[edges[:, 0]]
-    concave = np.einsum("ij,ij->i", one, towards) > 0
-    edges = edges[concave & (bend > REENTRANT)]
-    ends = surface.points[edges]
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    if not len(edges):
-        return np.zeros((0, 3)), np.zeros(0)
-    tree = cKDTree(places)
-    found, at = [], []
-    for (a, b), long in zip(ends, length, strict=True):
-        first = tree.query_ball_point((a + b) / 2, r=long / 2 + 1e-3 * surface.size)
-        least = thickness[first].min() if first else long
-        count = int(np.clip(np.ceil(long / (0.5 * least)), 1, 200))
-        line = a + (np.arange(count) + 0.5)[:, None] / count * (b - a)
-        found.append(line)
-        away, nearest = tree.query(line, k=min(12, len(places)))
-        beside_them = np.where(away < 1.5 * thickness[nearest], thickness[nearest], np.inf).min(axis=1)
-        at.append(np.where(np.isfinite(beside_them), beside_them, thickness[nearest[:, 0]]))
-    return np.vstack(found), np.concatenate(at)
 
 
 # --- hinges -----------------------------------------------------------------------------------------------------

@@ -4,7 +4,14 @@ from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.gathering import of_compliance, of_solution
 from flexdesign.fem.quantities.motion import COMPONENTS, POINTS, six_degrees
 from flexdesign.fem.quantities.shares import compliance_shares, energy_shares
-from flexdesign.fem.quantities.strength import hinge_peak, hinge_peak_node, peak_stresses, stated_force, stresses
+from flexdesign.fem.quantities.strength import (
+    hinge_peak,
+    hinge_peak_node,
+    peak_stresses,
+    stated_force,
+    stresses,
+    unresolved_fillet,
+)
 from flexdesign.fem.quantities.vibration import drive_share, output_share
 
 __all__ = [
@@ -23,4 +30,5 @@ __all__ = [
     "six_degrees",
     "stated_force",
     "stresses",
+    "unresolved_fillet",
 ]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexdesign.core import units
 from flexdesign.core.model import Member, Quantity
 from flexdesign.design.study import Study
 from flexdesign.fem.analysis import Solution
@@ -37,12 +38,24 @@ def stresses(study: Study, solution: Solution) -> list[Quantity]:
     return found + _margins(study, solution, nominal, f"hinge stress, {boundary}")
 
 
+def unresolved_fillet(solution: Solution) -> str:
+    """Say that a fillet next to a thin region is smaller than the edges of the mesh; empty if none is."""
+    found = solution.facts.get("unresolved fillet")
+    if not found:
+        return ""
+    radius, edge = (units.to_text(length, "mm", 2, si="m") for length in found)
+    return (
+        f"Peak stress is not resolved at a fillet of radius {radius} next to a thin region: edges of the mesh are "
+        f"{edge} long there; reduce mesh.at_root."
+    )
+
+
 def peak_stresses(study: Study, solutions: Sequence[Solution], sizes: Sequence[float]) -> list[Quantity]:
     """Return the peak stress at the hinges at the stated force, and what it leaves to yield and fatigue.
 
     Where a root is sharp there is no peak but a number that grows as the mesh is refined, and no margin can be had from
-    it. Elsewhere the margins carry the peak's relative error. Of a crystal, which breaks before it yields, the largest
-    tension is sought, too.
+    it; neither from one at a fillet that the mesh does not follow. Elsewhere the margins carry the peak's relative
+    error. Of a crystal, which breaks before it yields, the largest tension is sought, too.
 
     Parameters
     ----------
@@ -56,10 +69,14 @@ def peak_stresses(study: Study, solutions: Sequence[Solution], sizes: Sequence[f
     force, boundary = stated_force(study, solutions[-1])
     hinges = [section.member for section in solutions[-1].input_sections if section.member.kind == "hinge"]
     sharp = any(stress.is_sharp(hinge) for hinge in hinges) or solutions[-1].facts.get("sharp", False)
+    unresolved = unresolved_fillet(solutions[-1])
     unknowns = f"FEM, {len(sizes)} meshes to {solutions[-1].facts['unknowns']} unknowns"
 
     def peak(name: str, values: Sequence[float]) -> Quantity:
         found = stress.peak(values, sizes, sharp=sharp)
+        if unresolved and not sharp:
+            source = f"{unknowns}, value of the finest. {unresolved}"
+            return Quantity(name, force * found.value, "Pa", "MPa", boundary, source)
         if found.error is not None:
             source, sigma = f"{unknowns}, value of the finest", force * found.error
             return Quantity(name, force * found.value, "Pa", "MPa", boundary, source, sigma)

@@ -106,6 +106,8 @@ def warnings(validation: Validation) -> list[str]:
         remarks.append(
             "Hinge roots are drawn sharp: the safety is that of the nominal hinge stress, without a notch factor."
         )
+    if validation.unresolved_fillet and not validation.sharp:
+        remarks.append(validation.unresolved_fillet)
     changes = [
         f"{name_of(q)} {format_quantity(q)}"
         for q in found.values()

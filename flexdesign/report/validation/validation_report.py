@@ -257,6 +257,7 @@ def _stress(validation: Validation) -> Section:
 def _strength_text(quantity: Quantity) -> str:
     """Write a stress or a margin; a number that belongs to the mesh alone as such."""
     verdict = ", singular: grows with refinement, use a fillet" if "singular" in quantity.source else ""
+    verdict = verdict or (", not resolved at a fillet" if "not resolved" in quantity.source else "")
     return f"{format_quantity(quantity)}{verdict}"
 
 

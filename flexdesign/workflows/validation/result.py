@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from flexdesign.core.model import Quantity
 from flexdesign.design.study import Study
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.fem import convergence, mesh_refinement
+from flexdesign.fem import convergence, mesh_refinement, quantities
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.large_stroke import LargeStroke
 from flexdesign.fem.mesh_refinement import Level
@@ -111,6 +111,11 @@ class Validation:
         if self.domain.thin is not None:
             return self.domain.thin.is_sharp
         return any(stress.is_sharp(hinge) for hinge in self.study.design.part().linkage().of_kind("hinge"))
+
+    @property
+    def unresolved_fillet(self) -> str:
+        """What is said of a fillet next to a thin region that the finest mesh does not follow; empty if it does."""
+        return quantities.unresolved_fillet(self.finest.solution)
 
     @property
     def has_input(self) -> bool:
