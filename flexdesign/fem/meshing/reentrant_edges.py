@@ -24,6 +24,8 @@ IntArray = NDArray[np.int64]
 REENTRANT = np.radians(20.0)
 #: A hollow face is a fillet up to this radius, in thicknesses next to it: larger ones are the profiles of necks.
 LARGEST = 0.5
+#: Fillets are sought next to what is thinner than the thickest hinge times this.
+OF_HINGE = 1.5
 #: Places along an edge: as far apart as half the thickness next to it, and so many at most.
 APART, MOST = 0.5, 200
 
@@ -124,19 +126,22 @@ def find(surface: Surface, places: FloatArray, thickness: FloatArray, thickest: 
     owner = np.repeat(np.arange(len(edges)), count)
     order = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
     line = ends[owner, 0] + ((order + 0.5) / count[owner])[:, None] * along[owner]
-    found = ReentrantEdges(
-        line, _thickness_beside(line, tree, thickness), radii[owner], (along / length[:, None])[owner]
-    )
-    kept = found.radii <= LARGEST * found.thickness
-    return ReentrantEdges(found.places[kept], found.thickness[kept], found.radii[kept], found.ways[kept])
+    thin = thickness < OF_HINGE * thickest
+    beside, nearest = _thickness_beside(line, tree, thickness)
+    at_sharp = np.where(np.isfinite(beside), beside, nearest)
+    at_fillets, _ = _thickness_beside(line, cKDTree(places[thin]), thickness[thin])
+    at = np.where(radii[owner] > 0, at_fillets, at_sharp)
+    kept = np.isfinite(at) & (radii[owner] <= LARGEST * at)
+    return ReentrantEdges(line[kept], at[kept], radii[owner][kept], (along / length[:, None])[owner][kept])
 
 
-def _thickness_beside(line: FloatArray, tree: Any, thickness: FloatArray) -> FloatArray:
+def _thickness_beside(line: FloatArray, tree: Any, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least thickness of what is no farther away than 1.5 times that, else infinite; and of the nearest."""
     if not len(line):
-        return np.zeros(0)
-    away, nearest = tree.query(line, k=min(12, len(thickness)))
+        return np.zeros(0), np.zeros(0)
+    away, nearest = tree.query(line, k=range(1, min(12, len(thickness)) + 1))
     beside = np.where(away < 1.5 * thickness[nearest], thickness[nearest], np.inf).min(axis=1)
-    return np.where(np.isfinite(beside), beside, thickness[nearest[:, 0]])
+    return beside, thickness[nearest[:, 0]]
 
 
 def _hollow(surface: Surface, largest: float) -> tuple[IntArray, FloatArray]:
