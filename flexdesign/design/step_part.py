@@ -59,7 +59,11 @@ def _direction(given: object) -> Vector:
 def _names(given: object) -> tuple[str, ...]:
     named = [given] if isinstance(given, str) else given
     if not isinstance(named, list) or not named or not all(isinstance(name, str) and name for name in named):
-        raise ValueError('expected the name of a face, or a list of names, such as "top"')
+        raise ValueError(
+            'expected the name of a face, or a list of names, such as "top"; faces have no numbers here: '
+            "`flexdesign ports` with the STEP file lists names, and of a face without one the point and normal to give "
+            "instead"
+        )
     return tuple(named)
 
 

@@ -30,7 +30,7 @@ from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading, Method, Unstructured
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
-from flexdesign.fem.solving.solver import NotEnoughMemory
+from flexdesign.fem.solving.solver import NotEnoughMemory, NotPositiveDefinite
 
 Progress = Callable[[str], None]
 
@@ -211,6 +211,12 @@ def _level(
     except NotEnoughMemory as error:
         remedy = f"{error}; ask for less: fewer mesh.levels, a larger mesh.at_root, or less mesh.accuracy"
         raise InputError(design.file, "mesh", None, remedy) from error
+    except NotPositiveDefinite as error:
+        remedy = (
+            f"{error}: the ground does not hold all of the solid, as where a piece is joined by an edge or a point "
+            "alone, or its faces are too small for the mesh; choose larger faces as ground, or reduce mesh.at_root"
+        )
+        raise InputError(design.file, "ports", None, remedy) from error
     seconds = perf_counter() - began
     arrays, table = solution.to_store()
     cache.store("solution", key, arrays, table | {"seconds": seconds})

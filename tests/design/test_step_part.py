@@ -12,6 +12,7 @@ from typing import Any
 import cadquery as cq
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from flexdesign.api.step_files import read_ports
 from flexdesign.core.errors import InputError
@@ -420,3 +421,8 @@ def test_the_report_lists_the_ports_where_the_file_has_them(tmp_path: Path) -> N
     assert [row[0] for row in ports.rows] == ["ground", "output"]
     assert ports.rows[0][1] == "foot"
     assert ports.rows[0][2:] == ["60 mm²", "-10, 7, 0 mm", "-1, 0, 0", "traction"]
+
+
+def test_a_number_of_a_face_is_refused_with_what_to_give_instead() -> None:
+    with pytest.raises(ValidationError, match="`flexdesign ports` with the STEP file lists names"):
+        step_part.PortTable.model_validate({"face": 3})

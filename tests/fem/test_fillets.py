@@ -29,8 +29,8 @@ plane = "y = max"
 interface = "rigid"
 """
 #: Stiffness of a guide with fillets of 0.05 mm against x, other motions free [N/m]: that of a mesh of 594 000 unknowns,
-#: with edges at fillets 0.58 times as long as on the finest by default. Meshes of 49 000, 126 000 and 594 000 fall to it;
-#: what is left is less than 0.2 %, a quarter of the error bar that is tested.
+#: with edges at fillets 0.58 times as long as on the finest by default. What is left is
+#: less than 0.2 %, a quarter of the error bar that is tested.
 REFERENCE = 6521.0
 
 

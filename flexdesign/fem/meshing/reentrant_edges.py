@@ -26,7 +26,7 @@ REENTRANT = np.radians(20.0)
 LARGEST = 0.5
 #: Fillets are sought next to what is thinner than the thickest hinge times this.
 OF_HINGE = 1.5
-#: Places along an edge: as far apart as half the thickness next to it, and so many at most.
+#: Places along an edge: their distance in thicknesses next to it, and their largest number.
 APART, MOST = 0.5, 200
 
 
