@@ -20,13 +20,14 @@ from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Chord error of cylinders on the finest mesh, in diagonals of the solid: volume and mass are then off by about a
-#: thousandth. It falls with the square of the edge length, as chords do. Small cylinders, such as fillets, may err by
-#: more: each by so much that the solid's volume is off by the second number at most.
-CHORD, VOLUME = 3e-4, 1e-4
-#: Edges per radius that Netgen itself puts on faces that bend: next to none, as it would put as many on a fillet of
-#: 0.02 mm, which then had more elements than all the rest.
-PER_RADIUS = 0.05
+#: Edges per radius on faces that bend where no place asks for finer ones; on cylinders the chord error of the finest
+#: mesh, in diagonals of the solid: volume and mass are then off by about a thousandth. It falls with the square of the
+#: edge length, as chords do.
+PER_RADIUS, CHORD = 1.5, 3e-4
+#: Cylinders of smaller radius, in diagonals of the solid, are fillets, which places ask for where they matter: with as
+#: many edges per radius, a rounding of 0.02 mm had more elements than all the rest. Of a solid that has any, Netgen
+#: itself is asked for next to no edges per radius, and places on the other cylinders ask for them instead.
+SMALL, NEXT_TO_NONE = 5e-3, 0.05
 #: Growth of the edge length per distance, at most, tried in turn: with more, Netgen failed on crossed round notches.
 GROWTHS = (0.3, 0.2)
 #: Vertices of a plane face lie in its plane within this length [m].
@@ -101,9 +102,9 @@ def _mesh_with_growth(
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
     """Return what `_fill` does, with the first growth that Netgen can mesh with."""
     cause: Exception | None = None
-    places, sizes = _with_cylinders(domain, sizing, chord)
+    places, sizes, per_radius = _with_cylinders(domain, sizing, chord)
     for growth in GROWTHS:
-        asked = (places / MM, sizes / MM, min(sizing.growth, growth), sizing.largest / MM)
+        asked = (places / MM, sizes / MM, min(sizing.growth, growth), sizing.largest / MM, per_radius)
         try:
             return subprocess_call.call(_fill, domain.brep, *asked)
         except (subprocess_call.ProcessDied, RuntimeError) as error:
@@ -111,29 +112,28 @@ def _mesh_with_growth(
     raise NoMesh("Netgen made no mesh of the solid") from cause
 
 
-def _with_cylinders(domain: Domain, sizing: PlacedSizes, share: float) -> tuple[FloatArray, FloatArray]:
-    """Return the places and edge lengths [m] of a field, and those by which chords of cylinders err by a share.
+def _with_cylinders(domain: Domain, sizing: PlacedSizes, share: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return the places and edge lengths [m] of a field, and those of cylinders, whose chords err by a share.
 
-    Of a face of area A and a volume V the chord error d changes two thirds of d A; a quarter circle of radius R that is
-    one edge errs by 0.29 R, so that more need not be asked for.
+    Third are the edges per radius that Netgen is to put on faces that bend.
     """
     corners = np.vstack([face.points for face in domain.faces])
     diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    round_ = [face for face in domain.faces if face.axis is not None]
+    large = [face for face in round_ if face.radius >= SMALL * diagonal]
     places, sizes = [sizing.places], [sizing.sizes]
-    for face in domain.faces:
-        if face.axis is None or not len(face.triangles):
-            continue
-        a, b, c = np.moveaxis(face.points[face.triangles], 1, 0)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-        chord = share * max(diagonal, 1.5 * VOLUME / CHORD * domain.volume / area)
-        if chord < 0.29 * face.radius:
-            places.append(face.points)
-            sizes.append(np.full(len(face.points), np.sqrt(8 * face.radius * chord)))
-    return np.vstack(places), np.concatenate(sizes)
+    for face in large:
+        length = np.sqrt(8 * face.radius * share * diagonal)
+        if len(large) < len(round_):
+            length = min(length, face.radius / PER_RADIUS)
+        places.append(face.points)
+        sizes.append(np.full(len(face.points), length))
+    per_radius = PER_RADIUS if len(large) == len(round_) else NEXT_TO_NONE
+    return np.vstack(places), np.concatenate(sizes), per_radius
 
 
 def _fill(
-    brep: bytes, places: FloatArray, sizes: FloatArray, growth: float, largest: float
+    brep: bytes, places: FloatArray, sizes: FloatArray, growth: float, largest: float, per_radius: float
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
     """Call Netgen, with lengths in mm: points, tetrahedra, facets, the face of each facet, and how many faces.
 
@@ -150,7 +150,7 @@ def _fill(
     wanted = MeshingParameters(
         maxh=largest,
         grading=growth,
-        curvaturesafety=PER_RADIUS,
+        curvaturesafety=per_radius,
         segmentsperedge=1.0,
         closeedgefac=None,
         minedgelen=min(1e-3, float(sizes.min()) / 50),
