@@ -45,6 +45,7 @@ CHORD = 1e-3
 #: Smallest fillets that meshes resolve, in thicknesses, and edges across them, in radii. Elements along the edge are as
 #: short as across it, hence up to twice as many as at a sharp edge. Of smaller fillets one edge may reach from end to
 #: end: a chamfer in place of a fillet of 0.1 thicknesses stiffens a leaf 40 thicknesses long by less than 0.2 %.
+#: On coarse meshes edges across fillets are no longer, as chords thicken the leaf.
 LEAST_FILLET, ACROSS_FILLET = 0.15, 2 / 3
 #: Edges at curved necks change with the coarseness to this power.
 NECK_POWER = 1 / 3
@@ -237,7 +238,8 @@ class LocalThickness:
         shares = np.where(self._curved, at_necks, SHARES["plate"] * factor)
         sizes = shares * thin.thickness
         places = np.vstack([thin.points, thin.points + thin.inward * thin.thickness[:, None] / 2, thin.roots.places])
-        at_edges = thin.roots.sizes(SHARES["root"] * factor, LEAST_FILLET, ACROSS_FILLET * factor)
+        at_edges = thin.roots.sizes(SHARES["root"] * factor, LEAST_FILLET, ACROSS_FILLET * self.at_root / AT_ROOT)
+        at_edges = np.minimum(at_edges, SHARES["root"] * factor * thin.roots.thickness)
         wanted = np.concatenate([sizes, sizes, at_edges])
         fine = wanted < largest
         if not fine.any():
