@@ -83,12 +83,15 @@ class InitialConditions:
         return np.column_stack(columns), np.array(sizes)
 
     def at(self, model: Model) -> InitialConditions:
-        """Return them for the modes of a model, if it has several.
+        """Return them for the modes of a model, if it is linear and has as many.
 
-        One mode rings as it was calibrated: in a fit it would follow whatever is slow in a record.
+        With an amplitude, a nonlinear effect changes the frequency at which a mode rings: what was calibrated before
+        it is nearer. Slow states stay, too, as their sizes go with what is fitted.
         """
-        present = modes(cast(AxisDynamics, model).axis)
-        return replace(self, modes=present) if 1 < len(present) == len(self.modes) else self
+        axis = cast(AxisDynamics, model).axis
+        is_linear = all(effects.find(name).is_linear for name in axis.effects)
+        present = modes(axis) if is_linear else self.modes
+        return replace(self, modes=present) if len(present) == len(self.modes) else self
 
 
 def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:
