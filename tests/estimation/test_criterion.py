@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -51,8 +52,13 @@ def test_each_further_number_raises_the_critical_value_by_its_quantile() -> None
     assert criterion.critical_value(20.0, 3) == pytest.approx(20.0 + more)
 
 
-def trial(name: str, bic: float, error: float, exceeds_noise: bool = True, reason: str = "") -> Trial:
-    fit: Any = SimpleNamespace(bic=lambda _: bic, discrepancy=1.0, exceeds_noise=exceeds_noise)
+def trial(
+    name: str, bic: float, error: float, exceeds_noise: bool = True, reason: str = "", ends: Sequence[str] = ()
+) -> Trial:
+    effects = [SimpleNamespace(strength=f"{name}.strength")]
+    fit: Any = SimpleNamespace(
+        bic=lambda _: bic, discrepancy=1.0, exceeds_noise=exceeds_noise, effects=effects, at_bound=lambda: ends
+    )
     return Trial((name,), fit, 100.0, 0.5, error, 20.0, 20.0, reason)
 
 
@@ -69,6 +75,14 @@ def test_of_approximations_that_fit_alike_the_one_that_predicts_best_is_preferre
     assert best(trial("a", 100.0, 11.5), trial("b", 111.0, 10.2)) == "a"  # BIC tells them apart
     assert best(trial("a", 100.0, 11.5), trial("b", 109.0, 10.2, reason="no more than chance gives")) == "a"
     assert best(trial("a", 100.0, 11.5, exceeds_noise=False), trial("b", 109.0, 10.2)) == "a"  # a is adequate
+
+
+def test_of_approximations_that_fit_alike_one_at_the_end_of_what_is_plausible_comes_last() -> None:
+    at_end = trial("a", 100.0, 11.5, ends=["a.strength"])
+    assert best(at_end, trial("b", 109.0, 11.3)) == "b"
+    assert best(at_end, trial("b", 109.0, 11.3, ends=["b.strength"])) == "a"
+    assert best(at_end, trial("b", 111.0, 10.2)) == "a"  # BIC tells them apart
+    assert best(trial("a", 100.0, 11.5), trial("b", 109.0, 10.2, ends=["b.strength"])) == "a"
 
 
 def test_stated_values_lie_in_their_intervals_where_a_fit_ended_early() -> None:

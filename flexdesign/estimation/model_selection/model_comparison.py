@@ -11,6 +11,7 @@ import numpy as np
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate
+from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, largest_difference, without_effect
 from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns
@@ -199,7 +200,7 @@ def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
         return next(iter(accepted), None)
     first = accepted[0]
     alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
-    plausible = [trial for trial in alike if not trial.fit.at_bound()] or alike
+    plausible = [trial for trial in alike if not relevant_ends(task, trial.fit)] or alike
     first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
     return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
 
