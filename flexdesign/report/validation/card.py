@@ -106,7 +106,7 @@ def warnings(validation: Validation) -> list[str]:
         remarks.append(
             "Hinge roots are drawn sharp: the safety is that of the nominal hinge stress, without a notch factor."
         )
-    if validation.unresolved_fillet and not validation.sharp:
+    if validation.unresolved_fillet:
         remarks.append(validation.unresolved_fillet)
     changes = [
         f"{name_of(q)} {format_quantity(q)}"

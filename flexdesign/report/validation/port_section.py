@@ -65,7 +65,7 @@ def strength(validation: Validation) -> Section:
     solution, material = _whole(validation), validation.study.design.material
     text = strength_text.strengths(material)[:1]
     note = "grows with refinement: a re-entrant edge is sharp" if validation.sharp else "on the finest mesh"
-    if validation.unresolved_fillet and not validation.sharp:
+    if validation.unresolved_fillet:
         text.append(validation.unresolved_fillet)
         note = "not resolved at a fillet"
     rows = []

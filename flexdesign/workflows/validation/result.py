@@ -114,8 +114,11 @@ class Validation:
 
     @property
     def unresolved_fillet(self) -> str:
-        """What is said of a fillet next to a thin region that the finest mesh does not follow; empty if it does."""
-        return quantities.unresolved_fillet(self.finest.solution)
+        """What is said of a fillet next to a thin region that the finest mesh does not follow; empty if it does.
+
+        Of a part with sharp roots nothing is said: its peak has no limit at all.
+        """
+        return "" if self.sharp else quantities.unresolved_fillet(self.finest.solution)
 
     @property
     def has_input(self) -> bool:
