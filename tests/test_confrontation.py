@@ -44,13 +44,13 @@ def test_the_effect_that_was_hidden_brings_the_error_to_the_noise(session: Confr
 
 
 def test_a_rough_fit_comes_first_and_is_carried_to_its_end(begun: tuple[Confrontation, Confronted]) -> None:
-    """It explains 95 % of the residual already, not all of it; a fit to the end is kept."""
+    """It explains the residual already, with a larger chi^2; a fit to the end is kept."""
     session, rough = begun
-    before = session.fit()
+    session.fit()
     assert HIDDEN in [offer.name for offer in session.offers() if offer.share is None]
     found = session.fit([HIDDEN])
     assert rough.is_rough and not found.is_rough
-    assert rough.ratio**2 - 1 < 0.05 * (before.ratio**2 - 1)
+    assert rough.ratio < 1.15
     assert sum(squares(rough)) > sum(squares(found))
     assert not session.fit([HIDDEN], roughly=True).is_rough
 

@@ -43,11 +43,14 @@ class Effort:
         A step that promises to lower chi^2 by less than this share of it is the last, too.
     is_exact
         Whether the Jacobian is computed once more at the end.
+    holds_initial_states
+        Whether the initial states of runs are held until the other numbers have converged.
     """
 
     jacobians: int = 20
     share: float = 0.0
     is_exact: bool = True
+    holds_initial_states: bool = False
 
 
 #: A fit to convergence; a rough fit that ranks candidates; and steps with the known Jacobian alone.
@@ -136,6 +139,8 @@ def solve(
     if (residuals := problem.residuals(x)) is None:
         return None
     search = _Search(problem, x, residuals, old, small)
+    if effort.holds_initial_states:
+        search.hold_initial_states()
     if not effort.jacobians:
         search.fresh = True  # where a step fails it is made shorter
         search.descend(effort.share)
@@ -214,12 +219,12 @@ class _Search:
                 self._go(step, tried, reached, predicted_reduction)
                 if self.gain_ratio < LEAST_GAIN_RATIO:
                     if was_fresh:
-                        self._hold()
+                        self.hold_initial_states()
                     return False
                 self.is_released = False
             elif not self.fresh:
                 return False
-            elif self.is_released or not self._hold():
+            elif self.is_released or not self.hold_initial_states():
                 self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
         return False
 
@@ -229,8 +234,8 @@ class _Search:
             return self.small
         return SMALL_REDUCTION * self.problem.dataset.discrepancy(self.residuals)
 
-    def _hold(self) -> bool:
-        """Hold the initial states of runs, where the Jacobian misled; return whether that leaves other steps.
+    def hold_initial_states(self) -> bool:
+        """Hold the initial states of runs; return whether that leaves other steps.
 
         They have kinks, where a hysteresis begins to move the other way, that no derivative shows. The other
         coordinates are then moved by themselves, until they have converged (block coordinate descent: Bertsekas,

@@ -222,11 +222,10 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
             old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
-    is_misleading = origin.scale > GROSS_MISFIT or any(
-        direction.candidate.has_own_trials for direction in start.directions
-    )
-    model = task.coarse(model.replace(begun))
-    found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=QUICK)
+    is_gross = origin.scale > GROSS_MISFIT
+    is_misleading = is_gross or any(direction.candidate.has_own_trials for direction in start.directions)
+    model, effort = task.coarse(model.replace(begun)), replace(QUICK, holds_initial_states=is_gross)
+    found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=effort)
     return None if found is None else Entry(start, found)
 
 
