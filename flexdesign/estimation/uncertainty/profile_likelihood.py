@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
 #: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
 COVARIANCE_TOLERANCE, PROFILE_ACCURACY = 0.1, 0.03
+#: Rises relative to that at the end are told apart from this to its inverse; an end from a covariance that is far too
+#: wide is searched for in so many steps inwards, of a factor of eight.
+LEAST_RISE, MOST_SHRINKS = 1e-6, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,35 +98,44 @@ class _Path:
         room = abs(bound - x)
         if room == 0 or self.expected <= self.floor:  # only rounding is left to compare
             return x + side * min(self.half, room), self.half >= room, False
-        # By distance from the minimum: the root of the relative rise, less one, and the derivatives of all coordinates.
-        met = {0.0: (-1.0, side * self.tangent)}
+        # By distance from the minimum: the derivatives of all coordinates there; and by its logarithm the root of the
+        # relative rise, as a logarithm: a straight line where the cost is any power of the distance.
+        derivatives, met = {0.0: side * self.tangent}, dict[float, float]()
 
-        def excess(distance: float) -> float:
-            if distance not in met:
-                nearest = max(d for d in met if d < distance)
-                increase, displacement = self.cost_increase(side * distance, met[nearest][1] * distance)
-                # Limited to one, so that the way is halved where the model fails; zero ends the search.
-                found = min(math.sqrt(max(increase, 0.0) / self.expected) - 1, 1.0)
-                is_end = (
-                    abs(found) <= PROFILE_ACCURACY or self.better is not None
-                )  # from a better point the fit is repeated
-                met[distance] = (0.0 if is_end else found, displacement / distance)
-            return met[distance][0]
+        def excess(at: float) -> float:
+            if at not in met:
+                distance = math.exp(at)
+                nearest = max(d for d in derivatives if d < distance)
+                increase, displacement = self.cost_increase(side * distance, derivatives[nearest] * distance)
+                found = math.log(min(max(increase / self.expected, LEAST_RISE), 1 / LEAST_RISE)) / 2
+                is_end = abs(found) <= PROFILE_ACCURACY or self.better is not None  # from there the fit is repeated
+                met[at], derivatives[distance] = (0.0 if is_end else found), displacement / distance
+            return met[at]
 
         # A long way is gone in steps, so that the others can follow where the valley bends.
-        step = min(self.half, where.span[self.j] / 8)
-        if step == self.half <= room and abs(excess(step)) <= COVARIANCE_TOLERANCE:
-            return x + side * step, False, False
-        inside = 0.0
-        for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
-            if excess(outside) >= 0:
-                return (
-                    x + side * float(brentq(excess, inside, outside, rtol=PROFILE_ACCURACY, maxiter=8, disp=False)),
-                    False,
-                    True,
-                )
-            inside = outside
-        return bound, True, self.half < room
+        first = min(self.half, where.span[self.j] / 8, room)
+        outside = math.log(first)
+        if first == self.half and abs(excess(outside)) <= COVARIANCE_TOLERANCE:
+            return x + side * first, False, False
+        inside = outside
+        if excess(outside) < 0:
+            steps = [d for k in range(1, 7) if (d := outside + k * math.log(2)) < math.log(room)]
+            for outside in [*steps, *([math.log(room)] * math.isfinite(room))]:
+                if excess(outside) >= 0:
+                    break
+                inside = outside
+            else:
+                return bound, True, self.half < room
+        else:
+            for _ in range(MOST_SHRINKS):
+                inside = outside - math.log(8)
+                if excess(inside) <= 0:
+                    break
+                outside = inside
+            else:
+                return x + side * math.exp(outside), False, True
+        root = brentq(excess, inside, outside, xtol=PROFILE_ACCURACY, maxiter=8, disp=False)
+        return x + side * math.exp(float(root)), False, True
 
     def cost_increase(self, displacement: float, guess: Array) -> tuple[float, Array]:
         """Return how far the profile rises above the minimum, and the displacement of all coordinates.
