@@ -169,16 +169,16 @@ def test_runs_that_all_began_late_have_a_delay_and_early_ones_shifted_columns(la
         assert found.group == (("transport_delay",) if late > 0 else ())
 
 
-SPRING = {"alpha": 1.0, "gamma": 1e3, "delta": 0.0, "n": 1.0}
+FRICTION = {"level": 1e-6, "presliding": 1e-6}
 LOOP = {"a": 0.9e-6, "b": 0.02, "c": 0.0, "n": 1.0, "rest": 0.0}
 
 
 @pytest.mark.parametrize(
     ("name", "values", "added", "found"),
     [
-        ("hysteretic_spring", SPRING, True, ()),
-        ("hysteretic_spring", {**SPRING, "alpha": 0.2}, True, ("sensor_gain",)),
-        ("hysteretic_spring", SPRING, False, ("sensor_gain",)),
+        ("coulomb_friction", FRICTION, True, ()),
+        ("coulomb_friction", {**FRICTION, "level": 0.2e-6}, True, ("sensor_gain",)),
+        ("coulomb_friction", FRICTION, False, ("sensor_gain",)),
         ("bouc_wen", LOOP, True, ()),
         ("bouc_wen", {**LOOP, "a": 0.1e-6}, True, ("sensor_gain",)),
         ("bouc_wen", LOOP, False, ("sensor_gain",)),
@@ -187,7 +187,7 @@ LOOP = {"a": 0.9e-6, "b": 0.02, "c": 0.0, "n": 1.0, "rest": 0.0}
 def test_a_gain_that_an_added_effect_makes_up_for_is_no_conflict(
     name: str, values: Mapping[str, float], added: bool, found: tuple[str, ...]
 ) -> None:
-    """A spring with half of the stiffness, or a loop that holds half of the gain back, unless the design had it."""
+    """Friction with half of the stiffness, or a loop that holds half of the gain back, unless the design had it."""
     design = AxisModel(30.0, 0.02, 1e-6)
     own = {"natural_frequency": 30.0 / math.sqrt(2), "gain": 1.9e-6}
     axis = dataclasses.replace(design, **own, effects={name: values})

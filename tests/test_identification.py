@@ -201,12 +201,13 @@ def test_the_hysteretic_benchmark() -> None:
     position = position + 1e-4 * np.ptp(position) * rng.standard_normal(600)
     time = np.arange(600) / hysteretic_oscillator.RATE
     run = Run("benchmark", time, {"u": force, "x": position}, {"u": "V", "x": "m"})
-    spring = {"alpha": 0.5, "gamma": 300.0, "delta": 0.0, "nu": 1.0}
+    spring = {"share": 0.3, "gamma": 300.0, "delta": 0.0, "nu": 1.0}
     start = AxisModel(30.0, 0.03, 1.5e-5, effects={"hysteretic_spring": spring})
-    names = [f"hysteretic_spring.{name}" for name in ("alpha", "gamma", "delta")]
+    names = [f"hysteretic_spring.{name}" for name in ("share", "gamma", "delta")]
     seen = identify(stage(start), [run], free=[*LINEAR_PARAMETERS, *names], starts=3)
-    w0 = (truth.k / truth.m) ** 0.5
-    right = [1 / truth.k, truth.c / (2 * truth.m * w0), w0 / (2 * np.pi), truth.alpha / truth.k]
+    stiffness = truth.k + truth.alpha
+    w0 = (stiffness / truth.m) ** 0.5
+    right = [1 / stiffness, truth.c / (2 * truth.m * w0), w0 / (2 * np.pi), truth.alpha / stiffness]
     right += [truth.beta * truth.gamma, truth.beta * truth.delta]
     assert [estimate.value for estimate in seen.estimates] == pytest.approx(right, rel=0.01)
 

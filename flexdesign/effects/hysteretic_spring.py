@@ -1,9 +1,11 @@
 """A restoring force with Bouc-Wen hysteresis in the displacement: friction in joints and clamps, yielding, rubber.
 
-    z' = alpha x' - beta (gamma |x'| |z|^(nu - 1) z + delta x' |z|^nu)
+    force / stiffness = (1 - share) x + z
+    z' = share x' - gamma |x'| |z|^(nu - 1) z - delta x' |z|^nu
 
-with z the force over the stiffness, as in J.-P. Noel and M. Schoukens, Hysteretic benchmark with a dynamic
-nonlinearity (2016), where z is the force.
+The stiffness is that of small motions (Wen 1976, ASCE Journal of the Engineering Mechanics Division 102, 249-263), so
+that natural frequency and gain of small motions do not depend on the share. In the benchmark of J.-P. Noel and M.
+Schoukens (2016) z is the force, the elastic spring k and the hysteretic one alpha: share = alpha / (k + alpha).
 """
 
 from __future__ import annotations
@@ -13,21 +15,21 @@ from flexdesign.core.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:
-    """Return alpha, gamma, delta (beta and the stiffness in them) and nu."""
-    return values["alpha"], values["gamma"], values["delta"], values["nu"]
+    """Return share, gamma, delta and nu."""
+    return values["share"], values["gamma"], values["delta"], values["nu"]
 
 
 def flow(drive: float, position: float, velocity: float, state: Floats, rates: Floats, constants: Floats) -> float:
-    """Return -z, and the rate of z."""
+    """Return share x - z, the force less that of the linear spring, and the rate of z."""
     z = state[0]
     size = abs(z) ** (constants[3] - 1.0)
     rates[0] = constants[0] * velocity - size * (constants[1] * abs(velocity) * z + constants[2] * velocity * abs(z))
-    return -z
+    return constants[0] * position - z
 
 
 def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
-    """Return the elastic force of small motions, after which z has come to zero."""
-    return -values["alpha"]
+    """Return zero: small motions meet the stiffness that they would without."""
+    return 0.0
 
 
 EFFECT = Effect(
@@ -45,7 +47,7 @@ EFFECT = Effect(
     },
     reference="J.-P. Noel and M. Schoukens, Hysteretic benchmark with a dynamic nonlinearity (2016)",
     parameters=(
-        Parameter("alpha", "1", "", "stiffness of the hysteretic part over the linear one", 0.0, 0.1, (0.0, 10.0)),
+        Parameter("share", "1", "%", "hysteretic part of the stiffness of small motions", 0.0, 0.1, (0.0, 0.99)),
         Parameter(
             "gamma",
             "1/m",

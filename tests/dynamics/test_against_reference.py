@@ -31,7 +31,7 @@ LOOP = {"bouc_wen": {"a": 0.46e-6, "b": 0.0165, "c": 0.004, "n": 1.0}}
 BENT = {"bouc_wen": {"a": 0.46e-6, "b": 0.0165 * 1e-5**-0.6, "c": 0.004 * 1e-5**-0.6, "n": 1.6}}
 CREEP = {"creep": {"per_decade": 0.018, "t0": 0.01}}
 CUBIC = {"stress_stiffening": {"cubic": 0.05 / 200e-6**2}}
-SPRING = {"hysteretic_spring": {"alpha": 0.2, "gamma": 4e3, "delta": -1e3, "nu": 1.0}}
+SPRING = {"hysteretic_spring": {"share": 0.2, "gamma": 4e3, "delta": -1e3, "nu": 1.0}}
 SENSOR = {"sensor_bandwidth": {"bandwidth": 1000.0}}
 FULL = {**DRIVER, **LOOP, **CREEP, **CUBIC, **SENSOR}
 
@@ -45,6 +45,7 @@ def chain(given: dict[str, dict[str, float]], modes: tuple[Oscillator, ...] = (M
     """The same as the reference takes it."""
     loop, spring, creep = (given.get(name) for name in ("bouc_wen", "hysteretic_spring", "creep"))
     cubic = given.get("stress_stiffening", {"cubic": 0.0})["cubic"]
+    share = spring["share"] if spring else 0.0
     lags = [1 / (2 * math.pi * given[name]["bandwidth"]) if name in given else 0.0 for name in (*DRIVER, *SENSOR)]
     return Chain(
         GAIN,
@@ -52,8 +53,8 @@ def chain(given: dict[str, dict[str, float]], modes: tuple[Oscillator, ...] = (M
         driver_lag=lags[0],
         hysteresis=BoucWen(loop["a"], loop["b"], loop["c"], loop["n"]) if loop else None,
         creep=tuple((creep["per_decade"], creep["t0"] * 10.0**i) for i in range(4)) if creep else (),
-        force=(lambda x, speed: -cubic * x**3) if cubic else None,
-        spring=BoucWen(spring["alpha"], spring["gamma"], spring["delta"], spring["nu"]) if spring else None,
+        force=(lambda x, speed: share * x - cubic * x**3) if cubic or share else None,
+        spring=BoucWen(spring["share"], spring["gamma"], spring["delta"], spring["nu"]) if spring else None,
         sensor_lag=lags[1],
     )
 
@@ -132,11 +133,12 @@ def test_hysteretic_oscillator_benchmark(between: Any, nu: float) -> None:
     o = hysteretic_oscillator.Oscillator(nu=nu, beta=1e3 if nu == 1.0 else 30.0)
     force = hysteretic_oscillator.multisine(np.random.default_rng(3))[:60]
     right = hysteretic_oscillator.solve(o, force, between=between)
-    scale = o.beta * o.k ** (nu - 1)  # per displacement, not per force
-    spring = {"alpha": o.alpha / o.k, "gamma": scale * o.gamma, "delta": scale * o.delta, "nu": nu}
-    w0 = math.sqrt(o.k / o.m)
+    stiffness = o.k + o.alpha
+    scale = o.beta * stiffness ** (nu - 1)  # per displacement, not per force
+    spring = {"share": o.alpha / stiffness, "gamma": scale * o.gamma, "delta": scale * o.delta, "nu": nu}
+    w0 = math.sqrt(stiffness / o.m)
     mode = Oscillator(w0 / (2 * math.pi), o.c / (2 * o.m * w0))
-    chain = AxisChain("x", 1 / o.k, (mode,), ((effects.find("hysteretic_spring"), spring),))
+    chain = AxisChain("x", 1 / stiffness, (mode,), ((effects.find("hysteretic_spring"), spring),))
     period = 1 / hysteretic_oscillator.RATE
     found = simulate(Stage((chain,)), {"x": Loop(force)}, period, between_samples=between)
     check(found, right, TOLERANCE)

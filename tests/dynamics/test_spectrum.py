@@ -44,7 +44,6 @@ SMALL: list[tuple[str, Mapping[str, float], float, float]] = [
     ("stress_stiffening", {"cubic": 1e8}, 50.0, 5e-5),
     ("preload_loss", {"ratio": 0.2, "onset": 7e-5}, 50.0, 1e-5),
     ("coulomb_friction", {"level": 5e-8, "presliding": 1e-6}, 0.0, 1e-2),
-    ("hysteretic_spring", {"alpha": 0.1, "gamma": 1e4}, 0.0, 3e-4),
     ("bouc_wen", {"a": 2e-7, "b": 0.02, "c": 0.005}, 0.0, 3e-4),
     ("prandtl_ishlinskii", {"weight": 2e-7}, 0.0, 1e-5),
     ("rate_dependent_hysteresis", {"weight": 2e-7, "threshold": 2.0}, 0.0, 1e-5),
@@ -98,6 +97,15 @@ def test_small_sines_pass_an_effect_as_the_engine_has_it(
     measured, about = multisine(axis, bias), WorkingPoint(bias)
     assert np.abs(response(stages.chain("x", axis), f, about) / measured - 1).max() < tolerance
     assert np.abs(response(stages.chain("x", base), f, about) / measured - 1).max() > 10 * tolerance
+
+
+def test_small_sines_do_not_show_a_hysteretic_spring() -> None:
+    """Its stiffness is that of small motions."""
+    axis = with_effect("hysteretic_spring", {"share": 0.5, "gamma": 1e4})
+    with_it, without = multisine(axis, 0.0), multisine(BASE, 0.0)
+    assert np.abs(with_it / without - 1).max() < 1e-3
+    found, plain = (response(stages.chain("x", of), LINES.astype(float), WorkingPoint(0.0)) for of in (axis, BASE))
+    assert found == pytest.approx(plain, rel=1e-12)
 
 
 @pytest.mark.parametrize(("name", "values", "bias", "size", "tolerance"), LARGE)
