@@ -103,7 +103,7 @@ def _from_rest(axis: AxisModel) -> AxisModel:
     return replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": 0.0}})
 
 
-def _correct_steps(of: AxisDynamics, runs: Sequence[Run], tolerance: float, each: Any) -> AxisDynamics:
+def correct_steps(of: AxisDynamics, runs: Sequence[Run], tolerance: float, each: Any) -> AxisDynamics:
     """Return a model with predictions corrected by what finer steps change at its present values.
 
     Nearby the correction hardly differs, so that a fit has the accuracy of fine steps at the cost of its own (defect
@@ -162,7 +162,7 @@ def case_of(
         # Of slow samples few steps do in most cases: how many is found, up to the shortest that could be needed.
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
-        finest=lambda of: _correct_steps(cast(AxisDynamics, of), data.runs, at_last, each),
+        finest=lambda of: correct_steps(cast(AxisDynamics, of), data.runs, at_last, each),
         jacobian_model=lambda of: cast(AxisDynamics, of).no_finer(jacobian_model),
         each=each,
         progress=progress,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Model, parameter_of
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermined
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Columns, Effort, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -267,12 +267,15 @@ def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit whose simulation errors are small compared with the errors of the fitted parameters.
 
     N samples of noise s leave an error of s / root N in a value. A prediction that is off by a small share of the noise
-    everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact.
+    everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact. The second fit is made with
+    what fine steps change where the first one ended.
     """
-    model = task.finest(fit.model)
-    effort = Effort(2, is_exact=False)
-    made = fit_model(task, model, fit.effects, old=fit.solution.columns(), effort=effort)
-    return fit if made is None else made
+    for effort in (Effort(2, is_exact=False), FOLLOWING):
+        made = fit_model(task, task.finest(fit.model), fit.effects, old=fit.solution.columns(), effort=effort)
+        if made is None:
+            break
+        fit = made
+    return fit
 
 
 def with_effects(model: Model, effects: Sequence[Candidate]) -> Model:
