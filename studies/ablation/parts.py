@@ -57,10 +57,6 @@ def _second(_: object, second: Any, *__: object, **___: object) -> Any:
     return second
 
 
-def _first(first: Any, *_: object, **__: object) -> Any:
-    return first
-
-
 def _false(*_: object, **__: object) -> bool:
     return False
 
@@ -70,7 +66,12 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_SELECTION}.restarts", "leave_out_worst", "restarts fits from one without the worst run", _second),
     Part(f"{_SELECTION}.fitted_model", "search_initial_states", "fits initial states from a grid", lambda t, d, m: m),
     Part(f"{_ESTIMATION}.least_squares.local_minima", "grid_initial_states", "tries initial states on a grid", _second),
-    Part(f"{_ESTIMATION}.least_squares.levenberg_marquardt", "_Search._hold", "holds kinked initial states", _false),
+    Part(
+        f"{_ESTIMATION}.least_squares.levenberg_marquardt",
+        "_Search.hold_initial_states",
+        "holds kinked initial states",
+        _false,
+    ),
     Part(f"{_SELECTION}.fitted_model", "refine", "fits once more, simulated more exactly", _second),
     Part(f"{_PREPARATION}.truncated_runs", "truncate", "searches long runs in their first part", _none),
     Part(
@@ -124,7 +125,7 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_EFFECTS}.estimation_setup", "choose_interpolation", "asks what commands do between samples", _second),
     Part(f"{_PREPARATION}.initial_conditions", "grid_delay", "starts from the best common delay", _second),
     Part(f"{_PREPARATION}.initial_conditions", "grid_frequency", "starts from the best natural frequency", _second),
-    Part(f"{_EFFECTS}.estimation_setup", "with_beginnings", "lets the mode ring as a record begins", _first),
+    Part(f"{_PREPARATION}.initial_conditions", "modes", "lets modes ring as a record begins", _empty),
     Part(f"{_EFFECTS}.estimation_setup", "find_undetermined", "holds what the runs cannot show", _empty),
     Part("flexdesign.diagnosis.calibration", "CalibratedTask.origins", "selects from the design as well", _empty),
     Part(f"{_PREPARATION}.dataset", "DiagnosisData.coarse_step", "counts rounding in coarse steps as noise", _none),
