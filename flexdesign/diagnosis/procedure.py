@@ -38,7 +38,12 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import BETTER
 from flexdesign.estimation.model_selection.confounding import confusable
-from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined, relevant_ends
+from flexdesign.estimation.model_selection.determination import (
+    drop_undetermined,
+    hold_undetermined,
+    relevant_ends,
+    restart_from_profiles,
+)
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -117,6 +122,8 @@ def diagnose(
             progress("fitting once more, simulated more exactly")
             history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
+        if history.final.effects:
+            history = history.with_final(restart_from_profiles(task, history.final))
         left = _sparse_model(data, task, history.final)
         judges = partial(_is_better_without_physics, data, task), partial(relevant_ends, task)
         verdict, named = decide(data, history, left, *judges)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -10,10 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, linearise
 from flexdesign.estimation.model_selection import determination
-from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined, relevant_ends
+from flexdesign.estimation.model_selection.determination import (
+    drop_undetermined,
+    hold_undetermined,
+    relevant_ends,
+    restart_from_profiles,
+)
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.uncertainty.identifiability import Estimate
 from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
@@ -67,6 +74,26 @@ def test_an_effect_whose_interval_holds_its_null_is_dropped(truth: float, named:
     about = task({"d": truth} if truth else {})
     found, held = drop_undetermined(about, fit_with(about, [candidate("d")]))
     assert found.names == named and held == ()
+
+
+def test_a_better_point_on_a_profile_replaces_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its error is then that of the numbers that are stated."""
+    about, found = fit(effect(5.0, 0.5, 0.0, 2.0), other=STRENGTH * 5.0 * 0.7)
+    problem, asked = found.solution.problem, list[str]()
+    poor = evaluate_fit(about, linearise(problem, found.solution.x + 0.3), found.effects)
+    assert poor is not None and poor.cost > found.cost + 1
+
+    def better(solution: Solution, names: Sequence[str]) -> Solution | None:
+        asked.extend(names)
+        return found.solution if solution is poor.solution else None
+
+    monkeypatch.setattr(determination, "better_fit", better)
+    restarted = restart_from_profiles(about, poor)
+    assert asked == ["d"] and restarted.cost == found.cost
+    assert {name: part.tolist() for name, part in restarted.residuals_by_run.items()} == {
+        name: part.tolist() for name, part in found.residuals_by_run.items()
+    }
+    assert restart_from_profiles(about, found) is found
 
 
 @pytest.mark.parametrize("exceeds_noise", [False, True])

@@ -13,13 +13,21 @@ from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
+    evaluate_fit,
     fit_model,
     largest_difference,
     refit,
     with_effects,
 )
 from flexdesign.estimation.uncertainty.identifiability import Estimate
-from flexdesign.estimation.uncertainty.intervals import intervals
+from flexdesign.estimation.uncertainty.intervals import better_fit, intervals
+
+
+def restart_from_profiles(task: EstimationTask, fit: FittedModel) -> FittedModel:
+    """Return a fit restarted from a better point, where the profile of a strength meets one; else the same."""
+    names = [effect.strength for effect in fit.effects if not fit.deviations(effect.strength)]
+    better = better_fit(fit.solution, names) if names else None
+    return fit if better is None else evaluate_fit(task, better, fit.effects) or fit
 
 
 def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:

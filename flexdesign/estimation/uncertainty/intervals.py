@@ -37,6 +37,13 @@ def intervals(
     return estimates(solution, found, made)
 
 
+def better_fit(solution: Solution, names: Sequence[str]) -> Solution | None:
+    """Return the fit to which a better point leads that the profile of some parameters meets; None if none is met."""
+    places = [solution.problem.where.names.index(name) for name in names]
+    best, _, _, is_better = check_intervals(solution, places, _refine)
+    return best if is_better else None
+
+
 @lru_cache(maxsize=4)
 def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
     """Return a fit whose numbers are right to 0.05 standard deviations, and its uncertainty."""
