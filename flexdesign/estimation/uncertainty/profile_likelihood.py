@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
 #: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
 COVARIANCE_TOLERANCE, PROFILE_ACCURACY = 0.1, 0.03
-#: Rises relative to that at the end are told apart from this to its inverse; an end from a covariance that is far too
-#: wide is searched for in so many steps inwards, of a factor of eight.
+#: Rises relative to that at the end are limited to this and its inverse, which no search needs. An end from a
+#: covariance that is far too wide is searched for inwards, a factor of eight at a time, this number of times at most.
 LEAST_RISE, MOST_SHRINKS = 1e-6, 6
 
 
