@@ -10,6 +10,7 @@ bracketed and found by Brent's method.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,9 +24,8 @@ Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
 #: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
 COVARIANCE_TOLERANCE, PROFILE_ACCURACY = 0.1, 0.03
-#: Rises relative to that at the end are limited to this and its inverse, which no search needs. An end from a
-#: covariance that is far too wide is searched for inwards, a factor of eight at a time, this number of times at most.
-LEAST_RISE, MOST_SHRINKS = 1e-6, 6
+#: Rises relative to that at the end are limited to this and its inverse: zero and infinity have no logarithm.
+LEAST_RISE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,29 +112,13 @@ class _Path:
                 met[at], derivatives[distance] = (0.0 if is_end else found), displacement / distance
             return met[at]
 
-        # A long way is gone in steps, so that the others can follow where the valley bends.
         first = min(self.half, where.span[self.j] / 8, room)
-        outside = math.log(first)
-        if first == self.half and abs(excess(outside)) <= COVARIANCE_TOLERANCE:
+        if first == self.half and abs(excess(math.log(first))) <= COVARIANCE_TOLERANCE:
             return x + side * first, False, False
-        inside = outside
-        if excess(outside) < 0:
-            steps = [d for k in range(1, 7) if (d := outside + k * math.log(2)) < math.log(room)]
-            for outside in [*steps, *([math.log(room)] * math.isfinite(room))]:
-                if excess(outside) >= 0:
-                    break
-                inside = outside
-            else:
-                return bound, True, self.half < room
-        else:
-            for _ in range(MOST_SHRINKS):
-                inside = outside - math.log(8)
-                if excess(inside) <= 0:
-                    break
-                outside = inside
-            else:
-                return x + side * math.exp(outside), False, True
-        root = brentq(excess, inside, outside, xtol=PROFILE_ACCURACY, maxiter=8, disp=False)
+        bracket = _bracket(excess, math.log(first), math.log(room))
+        if bracket is None:
+            return bound, True, self.half < room
+        root = brentq(excess, *bracket, xtol=PROFILE_ACCURACY, maxiter=8, disp=False)
         return x + side * math.exp(float(root)), False, True
 
     def cost_increase(self, displacement: float, guess: Array) -> tuple[float, Array]:
@@ -163,3 +147,22 @@ class _Path:
         """Move the others to where they were fitted, and return the cost there less the minimum's."""
         x[self.others] = found.x
         return self.problem.cost(x, list(found.residuals)) - self.minimum.cost
+
+
+def _bracket(excess: Callable[[float], float], first: float, last: float) -> tuple[float, float] | None:
+    """Return logarithms of distances between which the end is; None if it is beyond the last.
+
+    A long way outwards is gone in some steps of a factor of two, so that the others can follow where the valley bends;
+    one inwards, from a covariance that is far too wide, in steps of eight.
+    """
+    inside = outside = first
+    if excess(first) < 0:
+        doubled = [first + k * math.log(2) for k in range(1, 7)]
+        for outside in [*(d for d in doubled if d < last), *([last] if math.isfinite(last) else [])]:
+            if excess(outside) >= 0:
+                return inside, outside
+            inside = outside
+        return None
+    while excess(inside) > 0:
+        inside, outside = inside - math.log(8), inside
+    return inside, outside
