@@ -21,7 +21,8 @@ from flexdesign.core.model import Member
 from flexdesign.design import mirror
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
-from flexdesign.fem.meshing import developed, section, thin_regions
+from flexdesign.fem.meshing import crossing, developed, section, thin_regions
+from flexdesign.fem.meshing.crossing import Crossings
 from flexdesign.fem.meshing.section import Section
 from flexdesign.fem.meshing.thin_regions import ThinRegions
 
@@ -97,8 +98,9 @@ class Domain:
         Hash of the solid's boundary representation.
     section
         What is extruded, where the part declares itself prismatic.
-    thin, extrusion
-        Where the solid is thin, and what is extruded if it is an extrusion: found on it where the part names no hinges.
+    thin, extrusion, crossings
+        Where the solid is thin, what is extruded if it is an extrusion, but for what crosses its layers: found on it
+        where the part names no hinges.
     brep
         The solid's boundary representation [mm], of a part that names no hinges.
     joined
@@ -114,6 +116,7 @@ class Domain:
     section: Section | None = None
     thin: ThinRegions | None = None
     extrusion: Section | None = None
+    crossings: Crossings | None = None
     brep: bytes = field(default=b"", repr=False)
     joined: tuple[int, ...] = ()
 
@@ -183,9 +186,8 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
     """
     whole = _one_solid(part.solid(), "the solid")
     planes = common_planes(part, material) if symmetric else ()
-    solid = whole
+    solid = _cut_down(whole, planes)
     for plane in planes:
-        solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
         if not mirror.is_balanced(whole, plane.index):
             raise InputError("part", "symmetry", plane.axis, "the solid is not its own mirror image in this plane")
     thinnest, thin = _thinnest(part), None
@@ -207,6 +209,8 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
             if port.name not in plane.swaps.values() and abs(port.point[plane.index]) > 1e-9:
                 remedy = f"its point must lie in the symmetry plane {plane.axis} = 0, or the plane must swap the port"
                 raise InputError("part", f"ports.{port.name}", port.point, remedy)
+    at_ports = [index for port in ports for index in port.faces]
+    layered = crossing.layers_of(whole, solid, lambda shape: _cut_down(shape, planes), thin, at_ports)
     return Domain(
         faces=faces,
         planes=planes,
@@ -216,7 +220,8 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
         fingerprint=hashlib.sha256(brep := _brep(solid)).hexdigest(),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
         thin=thin,
-        extrusion=None if thin is None else section.find(solid, thin.inward_at_hinges),
+        extrusion=layered[0],
+        crossings=layered[1],
         brep=b"" if thin is None else brep,
         joined=tuple(first),
     )
@@ -261,6 +266,14 @@ def _one_solid(shape: Any, what: str) -> Any:
     if not solids[0].isValid():
         raise InputError("part", "solid", None, f"{what} is not valid: its boundary is open or crosses itself")
     return solids[0]
+
+
+def _cut_down(whole: Any, planes: Sequence[SymmetryPlane]) -> Any:
+    """Return what symmetry planes leave of a solid."""
+    solid = whole
+    for plane in planes:
+        solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
+    return solid
 
 
 def _half_space(solid: Any, plane: SymmetryPlane) -> Any:

@@ -8,7 +8,7 @@ out of memory long before. Every hinge is as thick as drawn, and nothing has to 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,14 @@ class Layers:
         Increase of the thickness per distance from a free end.
     largest
         Largest thickness [m].
+    limits
+        Where layers are to be no thicker than something: from where to where, and that thickness, shape (k, 3) [m].
     """
 
     at_ends: float
     growth: float
     largest: float
+    limits: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def heights(self, low: float, high: float, free: tuple[bool, bool], count: int | None = None) -> FloatArray:
         """Return where layers meet [m], from the low to the high end; `free` ends are none of symmetry.
@@ -60,6 +63,9 @@ class Layers:
         for is_free, away in zip(free, (s, s[::-1]), strict=True):
             if is_free:
                 np.minimum(wanted, self.at_ends + self.growth * away, out=wanted)
+        for start, end, thickness in self.limits:
+            away = np.maximum(np.maximum(start - low - s, s + low - end), 0.0)
+            np.minimum(wanted, thickness + self.growth * away, out=wanted)
         return s, wanted
 
 

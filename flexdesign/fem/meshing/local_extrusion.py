@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.fem.convergence import MeshNoise
-from flexdesign.fem.meshing import methods
+from flexdesign.fem.meshing import cutting, methods
 from flexdesign.fem.meshing.extruded import Layers, stack_prisms
 from flexdesign.fem.meshing.local_thickness import LARGEST, LocalThickness, ThicknessField, thin_out
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
@@ -31,6 +31,10 @@ SAGITTA = 0.01
 #: ones are broken edges or leftovers of the drawing. Edges across them, in radii, are as long as of parts that name
 #: their hinges (`methods`).
 LEAST_FILLET, ACROSS_FILLET = 0.02, 0.45
+#: Layers and edges at what crosses the layers, in its extents along and across them, of the finest mesh: three across a
+#: bore. No smaller than the thinnest hinge, which is the thickness of layers at free ends: a broken edge changes no
+#: stiffness. Edges change with the root of the coarseness, so that the coarsest mesh has two.
+ACROSS_BORE = 1 / 3
 #: Arms are what is no hinge: the thickness that a tenth of it does not have.
 THIN_ARM = 0.1
 
@@ -83,6 +87,8 @@ class LocalExtrusion(LocalThickness):
         except PlanarError as error:
             raise MeshError(f"{error}; change mesh.at_root, or take the method wild") from error
         mesh = stack_prisms(plan, section, self.heights(coarseness))
+        if self.domain.crossings is not None:
+            mesh = cutting.cut(mesh, self.domain, self.domain.crossings, coarseness)
         return replace(mesh, faces=np.array(self.domain.joined)[mesh.faces])
 
     def size(self, mesh: TaggedMesh, coarseness: float) -> float:
@@ -107,6 +113,8 @@ class LocalExtrusion(LocalThickness):
         sharp = methods.EXTRUDED_GRADING[0] * coarseness**2
         at_roots = thin.roots.sizes(sharp, LEAST_FILLET, ACROSS_FILLET * coarseness**2)
         wanted = factor * np.concatenate([*(shares * thin.thickness)[:, sides], at_roots])
+        crossed, thick = self._at_crossings(coarseness)
+        places, wanted = np.vstack([places, crossed]), np.concatenate([wanted, thick])
         places[:, section.axis] = (section.low + section.high) / 2
         largest = (self.largest or LARGEST * self._diagonal) * coarseness
         some = thin_out(places, np.minimum(wanted, largest))
@@ -122,13 +130,31 @@ class LocalExtrusion(LocalThickness):
         count = max(finest.count(*extent), least) / coarseness
         return finest.heights(*extent, max(1, round(count)))
 
+    def _at_crossings(self, coarseness: float) -> tuple[FloatArray, FloatArray]:
+        """Return places on what crosses the layers, and the edge length wanted there, shapes (k, 3) and (k,) [m]."""
+        if self.domain.crossings is None:
+            return np.zeros((0, 3)), np.zeros(0)
+        places, widths = self.domain.crossings.places(ACROSS_BORE)
+        return places, np.sqrt(coarseness) * np.maximum(ACROSS_BORE * widths, self.thin.thinnest)
+
     def _layers(self, coarseness: float) -> Layers:
         thin, on_hinges = self.thin, np.concatenate([[], *self.thin.chosen]).astype(np.int64)
         others = np.delete(thin.thickness, on_hinges)
         arm = float(np.quantile(others if len(others) else thin.thickness, THIN_ARM))
         largest = methods.STOUT_LAYERS * methods.BESIDE_NECKS * arm
         growth = methods.EXTRUDED_GRADING[1]
-        return Layers(coarseness * thin.thinnest, coarseness * growth, coarseness * max(largest, thin.thinnest))
+        return Layers(
+            coarseness * thin.thinnest, coarseness * growth, coarseness * max(largest, thin.thinnest),
+            self._limits(coarseness),
+        )  # fmt: skip
+
+    def _limits(self, coarseness: float) -> FloatArray:
+        """Return where bores across the layers limit their thickness, and to what: no less than at free ends."""
+        if self.domain.crossings is None:
+            return np.zeros((0, 3))
+        heights = self.domain.crossings.heights
+        thick = np.maximum(ACROSS_BORE * np.ptp(heights, axis=1), self.thin.thinnest)
+        return np.column_stack([heights, coarseness * thick])
 
     def _chord(self, coarseness: float) -> float:
         return min(methods.CHORD * coarseness**2, methods.LARGEST_CHORD) * self.thin.thinnest

@@ -13,6 +13,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.design.part import Axis
 
 MM = 1e-3
+AXES: tuple[Axis, ...] = ("x", "y", "z")
 FloatArray = NDArray[np.float64]
 
 #: Pieces a curved edge is sampled by; a half circle's chords then stay within 5e-6 of its radius.
@@ -130,24 +131,24 @@ def of_solid(solid: Any, axis: Axis, tolerance: float = 1e-6) -> Section:
     return Section(index, low * MM, high * MM, (caps[0], caps[1]), tuple(outline))
 
 
-def find(solid: Any, inward: FloatArray, perpendicular: float = 1e-7) -> Section | None:
-    """Return the section of a CAD solid if it is an extrusion along x, y or z; else None.
+def candidates(inward: FloatArray, perpendicular: float = 1e-7) -> list[int]:
+    """Return along which axes, 0, 1 or 2, a solid may be extruded.
 
     Parameters
     ----------
-    solid
-        A CadQuery solid [mm].
     inward
         Directions across its hinges, to which the axis is perpendicular, unit vectors of shape (n, 3).
     perpendicular
         Largest cosine of the angle between them.
     """
-    axes: tuple[Axis, ...] = ("x", "y", "z")
-    for index, axis in enumerate(axes):
-        if np.abs(inward[:, index]).max(initial=0.0) > perpendicular:
-            continue
+    return [index for index in range(3) if np.abs(inward[:, index]).max(initial=0.0) <= perpendicular]
+
+
+def find(solid: Any, inward: FloatArray) -> Section | None:
+    """Return the section of a CAD solid [mm] if it is an extrusion along one of the `candidates`; else None."""
+    for index in candidates(inward):
         try:
-            return of_solid(solid, axis)
+            return of_solid(solid, AXES[index])
         except InputError:
             continue
     return None

@@ -26,6 +26,8 @@ class Surface:
         Outward unit normal of each face where it is plane, NaN elsewhere, shape (faces, 3).
     radii
         Of each face that is a cylinder [m]; infinite elsewhere, shape (faces,).
+    closed
+        Which faces belong to cylinders that are whole circles, shape (faces,).
     """
 
     points: FloatArray
@@ -33,6 +35,7 @@ class Surface:
     owners: IntArray
     normals: FloatArray
     radii: FloatArray
+    closed: NDArray[np.bool_]
 
     @property
     def corners(self) -> FloatArray:
@@ -85,6 +88,7 @@ def surface_of(solid: Any, chord: float) -> Surface:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     mm, points, triangles, owners, normals, radii, base = 1e-3, [], [], [], [], [], 0
+    arcs: dict[int, tuple[float, ...]] = {}
     for index, face in enumerate(solid.Faces()):
         vertices, corners = face.tessellate(chord / mm, 0.2)
         points.append(np.array([v.toTuple() for v in vertices]).reshape(-1, 3) * mm)
@@ -93,12 +97,36 @@ def surface_of(solid: Any, chord: float) -> Surface:
         base += len(vertices)
         kind = face.geomType()
         normals.append(face.normalAt().toTuple() if kind == "PLANE" else (np.nan,) * 3)
-        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder() if kind == "CYLINDER" else None
-        radii.append(cylinder.Radius() * mm if cylinder else np.inf)
+        bent = BRepAdaptor_Surface(face.wrapped)
+        radii.append(bent.Cylinder().Radius() * mm if kind == "CYLINDER" else np.inf)
+        if kind == "CYLINDER":
+            arcs[index] = _arc(bent)
     stacked = np.vstack(points)
     _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
     welded = inverse.reshape(-1)[np.vstack(triangles)]
     proper = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
     return Surface(
-        stacked[first], welded[proper], np.concatenate(owners)[proper], np.array(normals), np.array(radii, dtype=float)
-    )
+        stacked[first], welded[proper], np.concatenate(owners)[proper], np.array(normals), np.array(radii, dtype=float),
+        _closed(arcs, len(radii)),
+    )  # fmt: skip
+
+
+def _arc(bent: Any) -> tuple[float, ...]:
+    """Return the radius, axis (its direction and where it is nearest to the origin) and angle of a cylindrical face."""
+    cylinder = bent.Cylinder()
+    axis = cylinder.Axis()
+    place, way = (np.array([each.X(), each.Y(), each.Z()]) for each in (axis.Location(), axis.Direction()))
+    way *= np.sign(way[np.argmax(np.abs(way))])
+    place -= (place @ way) * way
+    return cylinder.Radius(), *place, *way, bent.LastUParameter() - bent.FirstUParameter()
+
+
+def _closed(arcs: dict[int, tuple[float, ...]], count: int) -> NDArray[np.bool_]:
+    """Tell which of `count` faces belong to cylinders whose pieces make up a whole circle or more."""
+    closed = np.zeros(count, dtype=bool)
+    if arcs:
+        table = np.array(list(arcs.values()))
+        _, same = np.unique(np.round(table[:, :-1], 6), axis=0, return_inverse=True)
+        turn = np.bincount(same.reshape(-1), table[:, -1])
+        closed[list(arcs)] = (turn > 2 * np.pi - 1e-6)[same.reshape(-1)]
+    return closed

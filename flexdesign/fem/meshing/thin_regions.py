@@ -50,7 +50,8 @@ class ThinRegions:
     thickness
         Shape (n,) [m].
     curved
-        Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes.
+        Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes,
+        and beside bores that leave most of the solid around them.
     roots
         The re-entrant edges.
     hinges
@@ -117,15 +118,17 @@ def find(solid: Any) -> ThinRegions:
     wanted = np.clip(0.4 * (seen[2][nearest] + away), 1e-4 * fine.size, spacing)
     points, owners = _places(fine, wanted)
     rays = Rays(fine.points, fine.triangles)
-    measured = _measure(fine, rays, points, owners)
-    places, inward, thickness, curved = measured
+    places, inward, thickness, curved = _measure(fine, rays, points, owners)
     body = float(np.quantile(seen[2], MOST_OF_IT))
-    hinges, chosen = gather_hinges(places, inward, thickness, body)
-    is_sliver = thickness < min((hinge.thickness for hinge in hinges), default=0.0)
+    walls = _walls_of_bores(fine, rays, places, inward, thickness, np.isfinite(curved))
+    curved = np.where(walls, np.inf, curved)
+    hinges, chosen = _hinges_but_for(walls, places, inward, thickness, body)
+    is_sliver = ~walls & (thickness < min((hinge.thickness for hinge in hinges), default=0.0))
     slivers = thickness[is_sliver]
     if len(slivers):
-        places, inward, thickness, curved = (each[~is_sliver] for each in measured)
-        hinges, chosen = gather_hinges(places, inward, thickness, body)
+        places, inward, thickness, curved = (each[~is_sliver] for each in (places, inward, thickness, curved))
+        walls = walls[~is_sliver]
+        hinges, chosen = _hinges_but_for(walls, places, inward, thickness, body)
     thickest = max((hinge.thickness for hinge in hinges), default=float(thickness.min()))
     roots = reentrant_edges.find(fine, places, thickness, thickest)
     hinges = tuple(_lengthwise(hinge, inward[on], rays) for hinge, on in zip(hinges, chosen, strict=True))
@@ -136,8 +139,13 @@ def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]
     """Return places inside the triangles, about as far apart as wanted (m,), and the triangle of each."""
     corners = surface.corners
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    count = np.maximum(np.ceil(area / wanted**2), 1.0)
-    count = np.maximum(np.round(count * min(1.0, MOST / count.sum())), 1).astype(np.int64)
+    share = area / wanted**2
+    count = np.maximum(np.ceil(share), 1.0)
+    if count.sum() > MOST:  # as where all edges are rounded: not each of the many small triangles has a place
+        share *= min(1.0, MOST / share.sum())
+        share += (MOST - share.sum()) / len(share)
+        count = np.diff(np.floor(np.cumsum(share) + 1e-6), prepend=0.0)
+    count = count.astype(np.int64)
     owners = np.repeat(np.arange(len(corners)), count)
     # A low-discrepancy sequence (Roberts' R2), folded into the triangle. It runs on from triangle to triangle: begun
     # anew, a strip of many long triangles would have places at a few stations alone.
@@ -176,7 +184,40 @@ def _wedges(surface: Surface) -> BoolArray:
     return meet & np.outer(plane, plane)
 
 
+def _walls_of_bores(
+    surface: Surface, rays: Rays, points: FloatArray, inward: FloatArray, thickness: FloatArray, beside: BoolArray
+) -> BoolArray:
+    """Tell which places beside cylinders are the wall of a bore that is no wider than its walls on both sides together.
+
+    In the middle of a beam such a bore leaves 7/8 of the stiffness in bending, and one that is not leaves a wall
+    beyond it that carries the load past the thinner one. A bore is a hollow cylinder that closes: one with a slit has a
+    hinge next to it, and a wide one has two, as in a load cell.
+    """
+    walls = np.zeros(len(points), dtype=bool)
+    few = np.flatnonzero(beside)
+    step = 1e-7 * surface.size
+    for sign in (1, -1):  # the bore is where the ray through the wall ends, or behind where it begins
+        left = few[~walls[few]]
+        way = sign * inward[left]
+        start = points[left] + (step + (thickness[left, None] if sign > 0 else 0.0)) * way
+        wide, hit = rays.first(start, way)
+        bored = np.flatnonzero((hit >= 0) & surface.closed[surface.owners[hit]])
+        bored = bored[wide[bored] < 2.1 * surface.radii[surface.owners[hit[bored]]]]
+        beyond, _ = rays.first(start[bored] + (wide[bored, None] + step) * way[bored], way[bored])
+        walls[left[bored]] = np.isfinite(beyond) & (wide[bored] <= thickness[left[bored]] + beyond)
+    return walls
+
+
 # --- hinges -----------------------------------------------------------------------------------------------------
+
+
+def _hinges_but_for(
+    others: BoolArray, points: FloatArray, inward: FloatArray, thickness: FloatArray, body: float
+) -> tuple[tuple[Member, ...], tuple[IntArray, ...]]:
+    """Return what `gather_hinges` does, without some of the places."""
+    kept = np.flatnonzero(~others)
+    hinges, chosen = gather_hinges(points[kept], inward[kept], thickness[kept], body)
+    return hinges, tuple(kept[on] for on in chosen)
 
 
 def gather_hinges(

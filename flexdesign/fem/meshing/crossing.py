@@ -1,0 +1,295 @@
+"""What crosses the layers of a solid that is otherwise an extrusion: bores from the side, counterbores, blind holes.
+
+A plate that is cut by wire erosion is an extrusion until somebody drills it from the side. Its leaves are as good as
+before, and layers are still the way to mesh them. So the faces of bores and the like are taken off the solid, as CAD
+programs do to simplify a part; what is left has a section, which is meshed in layers, and what was taken away is cut
+out of these (`cutting`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flexdesign.core.errors import InputError
+from flexdesign.fem.meshing import section
+from flexdesign.fem.meshing.section import Section
+from flexdesign.fem.meshing.thin_regions import ThinRegions
+
+MM = 1e-3
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+#: Directions are parallel within this; faces lie on one another, and volumes are alike, within shares of the solid's.
+PARALLEL, ALIKE = 1e-7, 1e-6
+#: Angle between neighbouring triangles of what is cut out [rad]: of a circle 63, whose area is off by 0.2 %.
+ANGLE = 0.1
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """What is missing in a solid that would otherwise be an extrusion.
+
+    Parameters
+    ----------
+    faces
+        Indices of the solid's faces that bound it.
+    points, triangles
+        Closed surface of what is missing, shapes (n, 3) [m] and (m, 3).
+    pieces
+        Which bore each triangle belongs to, shape (m,).
+    widths
+        How wide it is there across the extrusion, shape (m,) [m]: the diameter of a cylinder, and of what has none the
+        least extent; infinite at the ends of a cylinder.
+    heights
+        From where to where each bore of the whole reaches along the extrusion, shape (k, 2) [m].
+    """
+
+    faces: tuple[int, ...]
+    points: FloatArray
+    triangles: IntArray
+    pieces: IntArray
+    widths: FloatArray
+    heights: FloatArray
+
+    def places(self, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return places on its surface (k, 3), no farther apart than a share of its width, and that width (k,)."""
+        found, widths = [np.zeros((0, 3))], [np.zeros(0)]
+        for corners, width in zip(self.points[self.triangles], self.widths, strict=True):
+            if not np.isfinite(width):
+                continue
+            sides = corners - np.roll(corners, 1, axis=0)
+            count = int(np.ceil(np.linalg.norm(sides, axis=1).max() / (share * width)))
+            i, j = (each.ravel() for each in np.meshgrid(np.arange(count + 1), np.arange(count + 1)))
+            found.append((np.column_stack([i, j, count - i - j])[i + j <= count] / count) @ corners)
+            widths.append(np.full(len(found[-1]), width))
+        return np.vstack(found), np.concatenate(widths)
+
+
+def layers_of(
+    whole: Any, solid: Any, cut_down: Callable[[Any], Any], thin: ThinRegions | None, ports: Iterable[int]
+) -> tuple[Section | None, Crossings | None]:
+    """Return the section of a solid that nobody described, and what crosses its layers; None where there is none.
+
+    What reaches a hinge or holds a port is not taken off: there the solid has to be meshed as it is.
+
+    Parameters
+    ----------
+    whole, solid
+        CadQuery solids [mm]: the whole, and the part of it that is meshed.
+    cut_down
+        Cuts the second out of the first.
+    thin
+        Where the solid is thin; None of a part that names its hinges, which says itself what is extruded.
+    ports
+        Indices of the faces of `solid` that are ports.
+    """
+    if thin is None:
+        return None, None
+    extrusion = section.find(solid, thin.inward_at_hinges)
+    if extrusion is not None:
+        return extrusion, None
+    whole = whole.clean()  # bores drawn in two pieces are one
+    for index in section.candidates(thin.inward_at_hinges):
+        bare = _bare(whole, index)
+        if bare is None:
+            continue
+        try:
+            filled = cut_down(bare)
+            found = section.of_solid(filled, section.AXES[index])
+        except InputError:
+            continue
+        missing = filled.cut(solid)
+        if not missing.Solids():
+            continue
+        # what is to be cut out must be all that the two differ by
+        if abs(filled.Volume() - missing.Volume() - solid.Volume()) > ALIKE * solid.Volume():
+            continue
+        crossings = _crossings(solid, filled, missing, bare.cut(whole), index)
+        if not set(ports) & set(crossings.faces) and not _is_near(crossings, thin):
+            return replace(found, ends=_ends(solid, found)), crossings
+    return None, None
+
+
+def _bare(solid: Any, index: int) -> Any | None:
+    """Return a solid without the faces that are no part of an extrusion along an axis; None if they do not come off.
+
+    All at once if the kernel can, or else bore by bore: it may leave some that it takes off one at a time.
+    """
+    left = _faces_across(solid, index)
+    if not left:
+        return None
+    while left:
+        for some in (left, *_groups(left)):
+            lighter = _without(solid, some)
+            remaining = left if lighter is None else _faces_across(lighter, index)
+            if len(remaining) < len(left):
+                break
+        else:
+            return None
+        solid, left = lighter, remaining
+    return solid
+
+
+def _groups(faces: Sequence[Any]) -> list[list[Any]]:
+    """Return faces in groups that hang together by edges."""
+    groups: list[tuple[set[int], list[Any]]] = []
+    for face in faces:
+        edges = {edge.hashCode() for edge in face.Edges()}
+        touching = [group for group in groups if group[0] & edges]
+        groups = [group for group in groups if group not in touching]
+        merged = [*(each for group in touching for each in group[1]), face]
+        groups.append((edges.union(*(group[0] for group in touching)), merged))
+    return [group for _, group in groups]
+
+
+def _faces_across(solid: Any, index: int) -> list[Any]:
+    """Return the faces of a solid that are neither ends of an extrusion along an axis nor sides from end to end."""
+    faces = solid.Faces()
+    low, high = _extent(solid, index)
+    near = ALIKE * (high - low)
+    return [
+        face for face in faces if not (_is_end(face, index, low, high, near) or _is_side(face, index, low, high, near))
+    ]
+
+
+def _extent(shape: Any, index: int) -> tuple[float, float]:
+    """Return from where to where the vertices of a shape reach along an axis: of boxes the kernel's are rough."""
+    places = [vertex.toTuple()[index] for vertex in shape.Vertices()]
+    return min(places), max(places)
+
+
+def _is_end(face: Any, index: int, low: float, high: float, near: float) -> bool:
+    if face.geomType() != "PLANE" or abs(face.normalAt().toTuple()[index]) < 1 - 1e-9:
+        return False
+    height = face.Center().toTuple()[index]
+    return bool(min(abs(height - low), abs(height - high)) < near)
+
+
+def _is_side(face: Any, index: int, low: float, high: float, near: float) -> bool:
+    """Tell whether a face is parallel to an axis and reaches from end to end."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    bottom, top = _extent(face, index)
+    if abs(bottom - low) > near or abs(top - high) > near:
+        return False
+    if face.geomType() == "PLANE":
+        return bool(abs(face.normalAt().toTuple()[index]) < PARALLEL)
+    if face.geomType() == "CYLINDER":
+        way = BRepAdaptor_Surface(face.wrapped).Cylinder().Axis().Direction()
+        return bool(abs((way.X(), way.Y(), way.Z())[index]) > 1 - PARALLEL)
+    return bool(face.geomType() in ("EXTRUSION", "BSPLINE"))  # what is no extrusion is refused afterwards
+
+
+def _without(solid: Any, faces: Sequence[Any]) -> Any | None:
+    """Return a solid without some of its faces, the others being extended over them; None if that gives no solid."""
+    import cadquery as cq
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Defeaturing
+    from OCP.Standard import Standard_Failure
+
+    removal = BRepAlgoAPI_Defeaturing()
+    removal.SetShape(solid.wrapped)
+    for face in faces:
+        removal.AddFaceToRemove(face.wrapped)
+    try:
+        removal.Build()
+    except Standard_Failure:
+        return None
+    if not removal.IsDone():
+        return None
+    left = cq.Shape.cast(removal.Shape()).Solids()
+    return left[0] if len(left) == 1 and left[0].isValid() else None
+
+
+def _crossings(solid: Any, filled: Any, missing: Any, missing_in_whole: Any, index: int) -> Crossings:
+    """Return what is missing in a solid: its surface, and which faces of the solid it has left."""
+    import cadquery as cq
+    from OCP.BRepTools import BRepTools
+
+    skin = cq.Compound.makeCompound(filled.Faces())
+    size = filled.BoundingBox().DiagonalLength
+    left = [
+        number
+        for number, face in enumerate(solid.Faces())
+        if skin.distance(cq.Vertex.makeVertex(*_place_in(face))) > ALIKE * size
+    ]
+    points, triangles, pieces, widths, base = [], [], [], [], 0
+    for number, piece in enumerate(missing.Solids()):
+        BRepTools.Clean_s(piece.wrapped)  # faces of the solid may have finer triangles, which fit no others
+        piece.mesh(1e-3 * size, ANGLE)
+        for face, width in _widths(piece, index):
+            corners, facets = _triangles(face, size)
+            points.append(corners)
+            triangles.append(facets + base)
+            pieces.append(np.full(len(facets), number))
+            widths.append(np.full(len(facets), width * MM))
+            base += len(corners)
+    stacked = np.vstack(points)
+    _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
+    along = [_triangles(piece, size)[0][:, index] for piece in missing_in_whole.Solids()]
+    return Crossings(
+        tuple(left),
+        stacked[first],
+        inverse.reshape(-1)[np.vstack(triangles)],
+        np.concatenate(pieces),
+        np.concatenate(widths),
+        np.array([(places.min(), places.max()) for places in along]),
+    )
+
+
+def _triangles(shape: Any, size: float) -> tuple[FloatArray, IntArray]:
+    """Return points (n, 3) [m] and triangles (m, 3) of a shape [mm]."""
+    points, triangles = shape.tessellate(1e-3 * size, ANGLE)
+    return np.array([point.toTuple() for point in points]) * MM, np.array(triangles, dtype=np.int64)
+
+
+def _widths(piece: Any, index: int) -> list[tuple[Any, float]]:
+    """Return the faces of a piece, and how wide it is there across an axis [mm], as `Crossings` has it."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    round_ = [face.geomType() == "CYLINDER" for face in piece.Faces()]
+    extents = [high - low for low, high in (_extent(piece, other) for other in range(3) if other != index)]
+    least = math.inf if any(round_) else min(extents)
+    return [
+        (face, 2 * BRepAdaptor_Surface(face.wrapped).Cylinder().Radius() if bent else least)
+        for face, bent in zip(piece.Faces(), round_, strict=True)
+    ]
+
+
+def _place_in(face: Any) -> tuple[float, float, float]:
+    """Return a point of a face that lies on none of its edges [mm]."""
+    from OCP.BOPTools import BOPTools_AlgoTools3D
+    from OCP.gp import gp_Pnt, gp_Pnt2d
+    from OCP.IntTools import IntTools_Context
+
+    place = gp_Pnt()
+    BOPTools_AlgoTools3D.PointInFace_s(face.wrapped, place, gp_Pnt2d(), IntTools_Context())
+    return place.X(), place.Y(), place.Z()
+
+
+def _is_near(crossings: Crossings, thin: ThinRegions) -> bool:
+    """Tell whether what is missing lies on a hinge, or no farther from it than it is thick."""
+    middles, thickness = thin.middles_of_hinges()
+    corners = crossings.points[crossings.triangles]
+    places = np.concatenate([crossings.points, corners.mean(axis=1)])
+    away, nearest = cKDTree(middles).query(places)
+    return bool((away < 1.5 * thickness[nearest]).any())
+
+
+def _ends(solid: Any, found: Section) -> tuple[int, int]:
+    """Return which faces of a solid are the ends of a section, the first of each where there are several."""
+    faces = list(enumerate(solid.Faces()))
+    return tuple(  # type: ignore[return-value]
+        next(
+            index
+            for index, face in faces
+            if _is_end(face, found.axis, height / MM, height / MM, 1e-6)
+            and face.normalAt().toTuple()[found.axis] * way > 0
+        )
+        for height, way in ((found.low, -1), (found.high, 1))
+    )
