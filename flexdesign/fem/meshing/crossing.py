@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from flexdesign.core.errors import InputError
 from flexdesign.fem.meshing import section
@@ -96,7 +95,8 @@ def layers_of(
         return extrusion, None
     whole = whole.clean()  # bores drawn in two pieces are one
     for index in section.candidates(thin.inward_at_hinges):
-        bare = _bare(whole, index)
+        across = _faces_across(whole, index)
+        bare = None if _are_near(across, thin) else _bare(whole, across, index)
         if bare is None:
             continue
         try:
@@ -111,28 +111,28 @@ def layers_of(
         if abs(filled.Volume() - missing.Volume() - solid.Volume()) > ALIKE * solid.Volume():
             continue
         crossings = _crossings(solid, filled, missing, bare.cut(whole), index)
-        if not set(ports) & set(crossings.faces) and not _is_near(crossings, thin):
+        if not set(ports) & set(crossings.faces):
             return replace(found, ends=_ends(solid, found)), crossings
     return None, None
 
 
-def _bare(solid: Any, index: int) -> Any | None:
+def _bare(solid: Any, across: Sequence[Any], index: int) -> Any | None:
     """Return a solid without the faces that are no part of an extrusion along an axis; None if they do not come off.
 
     All at once if the kernel can, or else bore by bore: it may leave some that it takes off one at a time.
     """
-    left = _faces_across(solid, index)
-    if not left:
+    if not across:
         return None
+    bare = _without(solid, across)
+    if bare is not None and not _faces_across(bare, index):
+        return bare
+    left: Sequence[Any] = across
     while left:
-        for some in (left, *_groups(left)):
-            lighter = _without(solid, some)
-            remaining = left if lighter is None else _faces_across(lighter, index)
-            if len(remaining) < len(left):
-                break
-        else:
+        bare = _without(solid, _groups(left)[0])
+        remaining = left if bare is None else _faces_across(bare, index)
+        if len(remaining) >= len(left):
             return None
-        solid, left = lighter, remaining
+        solid, left = bare, remaining
     return solid
 
 
@@ -272,13 +272,19 @@ def _place_in(face: Any) -> tuple[float, float, float]:
     return place.X(), place.Y(), place.Z()
 
 
-def _is_near(crossings: Crossings, thin: ThinRegions) -> bool:
-    """Tell whether what is missing lies on a hinge, or no farther from it than it is thick."""
+def _are_near(faces: Sequence[Any], thin: ThinRegions) -> bool:
+    """Tell whether one of some faces [mm] reaches a hinge, or is no farther from it than it is thick."""
+    import pyvista as pv
+
     middles, thickness = thin.middles_of_hinges()
-    corners = crossings.points[crossings.triangles]
-    places = np.concatenate([crossings.points, corners.mean(axis=1)])
-    away, nearest = cKDTree(middles).query(places)
-    return bool((away < 1.5 * thickness[nearest]).any())
+    for face in faces:
+        points, triangles = _triangles(face, float(np.linalg.norm(np.ptp(thin.points, axis=0))) / MM)
+        _, nearest = pv.PolyData.from_regular_faces(points, triangles).find_closest_cell(
+            middles, return_closest_point=True
+        )
+        if (np.linalg.norm(nearest - middles, axis=1) < 1.5 * thickness).any():
+            return True
+    return False
 
 
 def _ends(solid: Any, found: Section) -> tuple[int, int]:
