@@ -96,7 +96,7 @@ def layers_of(
     whole = whole.clean()  # bores drawn in two pieces are one
     for index in section.candidates(thin.inward_at_hinges):
         across = _faces_across(whole, index)
-        bare = None if _are_near(across, thin) else _bare(whole, across, index)
+        bare = None if not across or _are_near(across, thin) else _without(whole, across)
         if bare is None:
             continue
         try:
@@ -114,38 +114,6 @@ def layers_of(
         if not set(ports) & set(crossings.faces):
             return replace(found, ends=_ends(solid, found)), crossings
     return None, None
-
-
-def _bare(solid: Any, across: Sequence[Any], index: int) -> Any | None:
-    """Return a solid without the faces that are no part of an extrusion along an axis; None if they do not come off.
-
-    All at once if the kernel can, or else bore by bore: it may leave some that it takes off one at a time.
-    """
-    if not across:
-        return None
-    bare = _without(solid, across)
-    if bare is not None and not _faces_across(bare, index):
-        return bare
-    left: Sequence[Any] = across
-    while left:
-        bare = _without(solid, _groups(left)[0])
-        remaining = left if bare is None else _faces_across(bare, index)
-        if len(remaining) >= len(left):
-            return None
-        solid, left = bare, remaining
-    return solid
-
-
-def _groups(faces: Sequence[Any]) -> list[list[Any]]:
-    """Return faces in groups that hang together by edges."""
-    groups: list[tuple[set[int], list[Any]]] = []
-    for face in faces:
-        edges = {edge.hashCode() for edge in face.Edges()}
-        touching = [group for group in groups if group[0] & edges]
-        groups = [group for group in groups if group not in touching]
-        merged = [*(each for group in touching for each in group[1]), face]
-        groups.append((edges.union(*(group[0] for group in touching)), merged))
-    return [group for _, group in groups]
 
 
 def _faces_across(solid: Any, index: int) -> list[Any]:
