@@ -327,18 +327,10 @@ class LocalThickness:
         least = thin.thickness < 1.3 * thin.thinnest
         return np.asarray(thin.points[least] + thin.inward[least] * thin.thickness[least, None] / 2)
 
-    @cached_property
+    @property
     def _curved(self) -> NDArray[np.bool_]:
-        """Which places lie at a neck, shape (n,): next to or across a cylinder that is no fillet.
-
-        The round profile of a hinge lies within its radius of where the hinge is thin; what is farther away is a bore.
-        """
-        thin = self.thin
-        curved = np.isfinite(thin.curved) & (thin.curved > thin.thickness / 2)
-        if thin.hinges and curved.any():
-            away, _ = cKDTree(thin.points[np.concatenate(thin.chosen)]).query(thin.points[curved])
-            curved[curved] = away <= thin.curved[curved]
-        return curved
+        """Which places lie at a neck: next to or across a cylinder that is no fillet, shape (n,)."""
+        return np.isfinite(self.thin.curved) & (self.thin.curved > self.thin.thickness / 2)
 
     @property
     def _neck_thickness(self) -> FloatArray:
