@@ -2,7 +2,7 @@
 
 A plate that is cut by wire erosion is an extrusion until somebody drills it from the side. Its leaves are as good as
 before, and layers are still the way to mesh them. So the faces of bores and the like are taken off the solid, as CAD
-programs do to simplify a part; what is left has a section, which is meshed in layers, and what was taken away is cut
+programs do to simplify a part; the rest has a section, which is meshed in layers, and what was taken away is cut
 out of these (`cutting`).
 """
 

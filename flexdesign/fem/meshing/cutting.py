@@ -1,7 +1,7 @@
 """Bores cut out of a mesh: elements that the surface of a bore crosses are divided there, those within are dropped.
 
 Edges are split where they cross the surface, the longest first, and with an edge every tetrahedron around it, so that
-the tetrahedra fit together throughout (bisection, Rivara 1984). What is left has chords in place of arcs, as long as
+the tetrahedra fit together throughout (bisection, Rivara 1984). The new surface has chords in place of arcs, as long as
 the elements there; all that lies elsewhere stays as it was.
 """
 
@@ -177,7 +177,7 @@ def _divide(points: FloatArray, tets: IntArray, away: FloatArray, gap: _Gap) -> 
 
 
 def _largest_piece(tets: IntArray) -> IntArray:
-    """Return the tetrahedra that hang together by facets, most of them: crumbs would be held by nothing."""
+    """Return the largest set of tetrahedra that are connected by facets: nothing would hold the others."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

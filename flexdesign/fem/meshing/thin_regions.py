@@ -51,7 +51,7 @@ class ThinRegions:
         Shape (n,) [m].
     curved
         Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes,
-        and beside bores that leave most of the solid around them.
+        and at bores that leave most of the solid around them.
     roots
         The re-entrant edges.
     hinges
@@ -185,16 +185,16 @@ def _wedges(surface: Surface) -> BoolArray:
 
 
 def _walls_of_bores(
-    surface: Surface, rays: Rays, points: FloatArray, inward: FloatArray, thickness: FloatArray, beside: BoolArray
+    surface: Surface, rays: Rays, points: FloatArray, inward: FloatArray, thickness: FloatArray, next_to: BoolArray
 ) -> BoolArray:
-    """Tell which places beside cylinders are the wall of a bore that is no wider than its walls on both sides together.
+    """Tell which places next to cylinders are the wall of a bore that is no wider than its walls on both sides together.
 
     In the middle of a beam such a bore leaves 7/8 of the stiffness in bending, and one that is not leaves a wall
     beyond it that carries the load past the thinner one. A bore is a hollow cylinder that closes: one with a slit has a
     hinge next to it, and a wide one has two, as in a load cell.
     """
     walls = np.zeros(len(points), dtype=bool)
-    few = np.flatnonzero(beside)
+    few = np.flatnonzero(next_to)
     step = 1e-7 * surface.size
     for sign in (1, -1):  # the bore is where the ray through the wall ends, or behind where it begins
         left = few[~walls[few]]
