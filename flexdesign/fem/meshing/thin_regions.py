@@ -187,7 +187,7 @@ def _wedges(surface: Surface) -> BoolArray:
 def _walls_of_bores(
     surface: Surface, rays: Rays, points: FloatArray, inward: FloatArray, thickness: FloatArray, next_to: BoolArray
 ) -> BoolArray:
-    """Tell which places next to cylinders are the wall of a bore that is no wider than its walls on both sides together.
+    """Tell which places at cylinders are the wall of a bore that is no wider than its walls on both sides together.
 
     In the middle of a beam such a bore leaves 7/8 of the stiffness in bending, and one that is not leaves a wall
     beyond it that carries the load past the thinner one. A bore is a hollow cylinder that closes: one with a slit has a
