@@ -16,23 +16,32 @@ from flexdesign.workflows.validation import Validation
 
 #: Number of modes listed, without the actuator and with it.
 LISTED = 6
+#: Columns of a design with an actuator.
+DRIVEN = ("actuator", "share of static stroke")
 #: The quantities that are extrapolated.
 LIMITS = ("first_frequency", "output_frequency", "output_mass", "output_share")
 
 
 def section(validation: Validation, figures: Sequence[Figure]) -> Section:
     """Return the section, with pictures of modes where there are any."""
-    facts = validation.modal.solution.facts
-    text = [
-        "Ground held. The actuator is a spring between the input blocks that holds nothing sideways, and has no mass "
-        "here: the frequencies are upper bounds for modes that move the input blocks. The second table lists single "
-        f"modes on one mesh ({facts['unknowns']} unknowns), before extrapolation.",
-        "A mode's share of the static stroke is its part of the output's motion under a constant voltage, by mode "
-        "superposition. It is negative where the mode moves the output the other way; all modes together make 100 %. "
-        "The mass in x, y or z is the effective modal mass for a base motion that way, relative to the part's "
-        f"{units.to_text(facts['mass'], 'g', si='kg')}; there, too, all modes together make 100 %. A dash means "
-        "zero.",
-    ]
+    facts, is_driven = validation.modal.solution.facts, validation.study.design.actuator is not None
+    held = "Ground held. "
+    of_mass = (
+        f"The mass in x, y or z is the effective modal mass for a base motion that way, relative to the part's "
+        f"{units.to_text(facts['mass'], 'g', si='kg')}; all modes together make 100 %. A dash means zero."
+    )
+    if is_driven:
+        held += (
+            "The actuator is a spring between the input blocks that holds nothing sideways, and has no mass here: the "
+            "frequencies are upper bounds for modes that move the input blocks. "
+        )
+        of_mass = (
+            "A mode's share of the static stroke is its part of the output's motion under a constant voltage, by mode "
+            "superposition. It is negative where the mode moves the output the other way; all modes together make "
+            f"100 %. {of_mass}"
+        )
+    on_mesh = f"The second table lists single modes on one mesh ({facts['unknowns']} unknowns), before extrapolation."
+    text = [held + on_mesh, of_mass]
     if figures:
         text.append(
             "Colours run from rest (dark) to the largest motion (bright); the drawn size of a mode has no meaning."
@@ -40,10 +49,10 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
     extrapolated = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
     limits = [[name_of(q), q.boundary, format_quantity(q)] for q in extrapolated if q.name in LIMITS]
     heads = ["frequency", "actuator", "symmetry", "share of 1/K_out", "share of static stroke"]
-    tables = [
-        Table(["quantity", "boundary", "FEM"], limits),
-        Table([*heads, *(f"mass in {axis}" for axis in "xyz")], _rows(validation)),
-    ]
+    rows = [[*heads, *(f"mass in {axis}" for axis in "xyz")], *_rows(validation)]
+    if not is_driven:
+        rows = [[cell for cell, head in zip(row, rows[0], strict=True) if head not in DRIVEN] for row in rows]
+    tables = [Table(["quantity", "boundary", "FEM"], limits), Table(rows[0], rows[1:])]
     return Section("Natural frequencies", text, tables, figures, gallery=True)
 
 
