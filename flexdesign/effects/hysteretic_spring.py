@@ -27,11 +27,6 @@ def flow(drive: float, position: float, velocity: float, state: Floats, rates: F
     return constants[0] * position - z
 
 
-def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
-    """Return zero: small motions meet the stiffness that they would without."""
-    return 0.0
-
-
 EFFECT = Effect(
     name="hysteretic_spring",
     physics=(
@@ -61,7 +56,7 @@ EFFECT = Effect(
         Parameter("delta", "1/m", "1/mm", "how the branches differ (at nu = 1)", None, 0.0, (-1e9, 1e9)),
         Parameter("nu", "1", "", "sharpness of the bend", None, 1.0, (1.0, 5.0)),
     ),
-    faces=(Block(Socket.FORCE, states=("z",), constants=constants, flow=flow, transfer=transfer),),
+    faces=(Block(Socket.FORCE, states=("z",), constants=constants, flow=flow),),
     is_hysteresis=True,
     confused_with=("coulomb_friction", "structural_damping", "bouc_wen"),
 )
