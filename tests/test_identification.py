@@ -205,9 +205,8 @@ def test_the_hysteretic_benchmark() -> None:
     start = AxisModel(30.0, 0.03, 1.5e-5, effects={"hysteretic_spring": spring})
     names = [f"hysteretic_spring.{name}" for name in ("share", "gamma", "delta")]
     seen = identify(stage(start), [run], free=[*LINEAR_PARAMETERS, *names], starts=3)
-    stiffness = truth.k + truth.alpha
-    w0 = (stiffness / truth.m) ** 0.5
-    right = [1 / stiffness, truth.c / (2 * truth.m * w0), w0 / (2 * np.pi), truth.alpha / stiffness]
+    w0 = (truth.stiffness / truth.m) ** 0.5
+    right = [1 / truth.stiffness, truth.c / (2 * truth.m * w0), w0 / (2 * np.pi), truth.share]
     right += [truth.beta * truth.gamma, truth.beta * truth.delta]
     assert [estimate.value for estimate in seen.estimates] == pytest.approx(right, rel=0.01)
 

@@ -133,12 +133,11 @@ def test_hysteretic_oscillator_benchmark(between: Any, nu: float) -> None:
     o = hysteretic_oscillator.Oscillator(nu=nu, beta=1e3 if nu == 1.0 else 30.0)
     force = hysteretic_oscillator.multisine(np.random.default_rng(3))[:60]
     right = hysteretic_oscillator.solve(o, force, between=between)
-    stiffness = o.k + o.alpha
-    scale = o.beta * stiffness ** (nu - 1)  # per displacement, not per force
-    spring = {"share": o.alpha / stiffness, "gamma": scale * o.gamma, "delta": scale * o.delta, "nu": nu}
-    w0 = math.sqrt(stiffness / o.m)
+    scale = o.beta * o.stiffness ** (nu - 1)  # per displacement, not per force
+    spring = {"share": o.share, "gamma": scale * o.gamma, "delta": scale * o.delta, "nu": nu}
+    w0 = math.sqrt(o.stiffness / o.m)
     mode = Oscillator(w0 / (2 * math.pi), o.c / (2 * o.m * w0))
-    chain = AxisChain("x", 1 / stiffness, (mode,), ((effects.find("hysteretic_spring"), spring),))
+    chain = AxisChain("x", 1 / o.stiffness, (mode,), ((effects.find("hysteretic_spring"), spring),))
     period = 1 / hysteretic_oscillator.RATE
     found = simulate(Stage((chain,)), {"x": Loop(force)}, period, between_samples=between)
     check(found, right, TOLERANCE)

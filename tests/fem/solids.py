@@ -19,6 +19,19 @@ from flexdesign.fem.solving.port_compliance import PortSpace
 from flexdesign.fem.solving.statics import Checks
 from studies.verification.solids import METAL, Array, Solid, at, lattice
 
+#: The design of a part that is held and used at its ends in x.
+PORTS = """format = 1
+part = "part.step"
+material = "Al 7075-T6"
+
+[ports.ground]
+plane = "x = min"
+
+[ports.output]
+plane = "x = max"
+interface = "{interface}"
+"""
+
 
 @dataclass
 class Solved:

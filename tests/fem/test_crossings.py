@@ -17,17 +17,9 @@ from flexdesign.fem.meshing.local_extrusion import LocalExtrusion
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import TaggedMesh
 from flexdesign.fem.quantities.port_stiffness import port_stiffness
+from tests.fem.solids import PORTS
 
-DESIGN = """format = 1
-part = "part.step"
-material = "Al 7075-T6"
-
-[ports.ground]
-plane = "x = min"
-
-[ports.output]
-plane = "x = max"
-"""
+DESIGN = PORTS.format(interface="traction")
 
 
 def hinge(bored: bool = True) -> cq.Workplane:

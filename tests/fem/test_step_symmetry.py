@@ -18,21 +18,11 @@ from flexdesign.fem import analysis, mesh_refinement
 from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.domain import Domain
 from studies.error_bars.designs import PARTS
+from tests.fem.solids import PORTS
 
 #: A plate with a notch from either side at x = 0, mirrored in x, y and z.
 NOTCHES = cq.Workplane("XY", origin=(0, 0, -2)).pushPoints([(0, 3), (0, -3)]).circle(2.7).extrude(4)
 NOTCHED_PLATE = cq.Workplane().box(16, 6, 4).cut(NOTCHES)
-PORTS = """format = 1
-part = "part.step"
-material = "Al 7075-T6"
-
-[ports.ground]
-plane = "x = min"
-
-[ports.output]
-plane = "x = max"
-interface = "{interface}"
-"""
 BRIDGE = """format = 1
 part = "part.step"
 material = "Al 7075-T6"

@@ -37,6 +37,16 @@ class Oscillator:
     delta: float = -1.1
     nu: float = 1.0
 
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of small motions [N/m]."""
+        return self.k + self.alpha
+
+    @property
+    def share(self) -> float:
+        """Hysteretic part of the stiffness of small motions."""
+        return self.alpha / self.stiffness
+
     def chain(self) -> Chain:
         """Return the same as a chain whose command is the force [N]; its spring's displacement is z / k."""
         w0 = (self.k / self.m) ** 0.5

@@ -209,7 +209,7 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
     """Return where the known Jacobian leads, coarsely simulated.
 
     A limit moves the prediction so far that the Jacobian without it misleads, as does one at a gross misfit: it is
-    then computed at the start.
+    then computed at the start. At a gross misfit the initial states of runs mislead as well, and are held.
     """
     origin, model, values = start.origin, start.origin.model, dict[str, float]()
     old = dict(origin.solution.columns())

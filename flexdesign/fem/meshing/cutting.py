@@ -7,6 +7,7 @@ the elements there; all that lies elsewhere stays as it was.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from flexdesign.fem.meshing.crossing import Crossings
 from flexdesign.fem.meshing.domain import Domain
-from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary
+from flexdesign.fem.meshing.mesh import TET_FACES, MeshError, TaggedMesh, boundary, nearest_faces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -45,19 +46,20 @@ def cut(mesh: TaggedMesh, domain: Domain, crossings: Crossings, coarseness: floa
     MeshError
         If the elements are too large to follow what is to be cut out.
     """
-    made = _cut(mesh, domain, crossings, _Gap(domain, crossings))
+    gap = _Gap(domain, crossings)
+    made = _cut(mesh, gap)
     is_cut = np.isin(made.faces, crossings.faces)
     a, b, c = np.moveaxis(made.points[made.facets[is_cut]], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     if area:  # chords make bores too small: their surface is cut farther out by what that lacks on average
         farther = (made.volume - domain.volume) / area
-        made = _cut(mesh, domain, crossings, _Gap(domain, crossings, farther))
+        made = _cut(mesh, gap.wider(farther))
     if abs(made.volume / domain.volume - 1) > OFF * coarseness**2:
         raise MeshError("the layers are too coarse for bores across them; reduce mesh.at_root, or take the method wild")
     return made
 
 
-def _cut(mesh: TaggedMesh, domain: Domain, crossings: Crossings, gap: _Gap) -> TaggedMesh:
+def _cut(mesh: TaggedMesh, gap: _Gap) -> TaggedMesh:
     away = np.full(len(mesh.points), gap.size)
     some = np.unique(mesh.tets[gap.may_meet(mesh.points[mesh.tets])])
     away[some] = gap.distance(mesh.points[some])
@@ -74,28 +76,44 @@ def _cut(mesh: TaggedMesh, domain: Domain, crossings: Crossings, gap: _Gap) -> T
     facets = boundary(tets)
     before = {tuple(corners) for corners in np.sort(skin, axis=1).tolist()}
     is_new = np.array([tuple(corners) not in before for corners in np.sort(used[facets], axis=1).tolist()])
-    faces = _faces(domain, crossings, points[facets], is_new)
+    faces = gap.faces(points[facets], is_new)
     return replace(mesh, points=points, tets=tets, facets=facets, faces=faces)
 
 
 class _Gap:
-    """What is missing in the domain, made wider by a length [m], and how far from its surface places around it are."""
+    """What is missing in the domain, and how far from its surface places around it are."""
 
-    def __init__(self, domain: Domain, crossings: Crossings, farther: float = 0.0) -> None:
+    def __init__(self, domain: Domain, crossings: Crossings) -> None:
         import pyvista as pv
         from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
 
         points, triangles, owners = domain.surface()
-        inner = np.isin(owners, crossings.faces)
-        self._inner = pv.PolyData.from_regular_faces(points, triangles[inner])
+        left = np.isin(owners, crossings.faces)
+        #: The faces that the gap has left in the solid, and the others, each as `Domain.surface` gives them.
+        self._surfaces = tuple((points, triangles[some], owners[some]) for some in (left, ~left))
+        self._inner = pv.PolyData.from_regular_faces(points, triangles[left])
         self._pieces = []
         for piece in np.unique(crossings.pieces):
-            closed = pv.PolyData.from_regular_faces(crossings.points, crossings.triangles[crossings.pieces == piece])
+            triangles = crossings.triangles[crossings.pieces == piece]
+            closed = pv.PolyData.from_regular_faces(crossings.points, triangles).clean()
             signed = vtkImplicitPolyDataDistance()
-            signed.SetInput(closed.clean())
-            self._pieces.append((np.reshape(closed.clean().bounds, (3, 2)).T, signed))
-        self._farther = farther
+            signed.SetInput(closed)
+            self._pieces.append((np.reshape(closed.bounds, (3, 2)).T, signed))
+        self._farther = 0.0
         self.size = float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def wider(self, length: float) -> _Gap:
+        """Return the gap with its surface farther out by a length [m]."""
+        made = copy.copy(self)
+        made._farther = length
+        return made
+
+    def faces(self, corners: FloatArray, is_new: BoolArray) -> IntArray:
+        """Return the CAD face that each facet (k, 3, 3) lies on: one of those the gap has left if the facet is new."""
+        faces = np.empty(len(corners), dtype=np.int64)
+        for chosen, surface in zip((is_new, ~is_new), self._surfaces, strict=True):
+            faces[chosen] = nearest_faces(corners[chosen], surface)
+        return faces
 
     def may_meet(self, corners: FloatArray) -> BoolArray:
         """Tell which tetrahedra (m, 4, 3) reach into a box around what is missing."""
@@ -181,7 +199,7 @@ def _largest_piece(tets: IntArray) -> IntArray:
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    facets = np.sort(tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    facets = np.sort(tets[:, TET_FACES].reshape(-1, 3), axis=1)
     owner = np.repeat(np.arange(len(tets)), 4)
     order = np.lexsort(facets.T)
     same = np.flatnonzero(np.all(facets[order[1:]] == facets[order[:-1]], axis=1))
@@ -189,18 +207,3 @@ def _largest_piece(tets: IntArray) -> IntArray:
     graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(tets), len(tets)))
     _, piece = connected_components(graph, directed=False)
     return tets[piece == np.bincount(piece).argmax()]
-
-
-def _faces(domain: Domain, crossings: Crossings, corners: FloatArray, is_new: BoolArray) -> IntArray:
-    """Return the CAD face that each facet (k, 3, 3) lies on: one of a crossing if it is new, else one of the others."""
-    import pyvista as pv
-
-    points, triangles, owners = domain.surface()
-    faces = np.empty(len(corners), dtype=np.int64)
-    for chosen, inner in ((is_new, True), (~is_new, False)):
-        some = np.isin(owners, crossings.faces) == inner
-        nearest = pv.PolyData.from_regular_faces(points, triangles[some]).find_closest_cell(
-            corners[chosen].mean(axis=1)
-        )
-        faces[chosen] = owners[some][np.asarray(nearest)]
-    return faces

@@ -165,17 +165,22 @@ def tag(
     points: FloatArray, tets: IntArray, domain: Domain, surface: tuple[FloatArray, IntArray, IntArray]
 ) -> TaggedMesh:
     """Orient the tetrahedra and give each boundary facet the CAD face whose tessellation is nearest to its middle."""
-    import pyvista as pv
-
     negative = signed_volumes(points, tets) < 0
     tets = tets.copy()
     tets[negative] = tets[negative][:, [0, 1, 3, 2]]
     used, tets = np.unique(tets, return_inverse=True)
     points, tets = points[used], tets.reshape(-1, 4)
     facets = boundary(tets)
-    cad = pv.PolyData.from_regular_faces(surface[0], surface[1])
-    nearest = np.asarray(cad.find_closest_cell(points[facets].mean(axis=1)))
-    return TaggedMesh(points, tets, facets, surface[2][nearest])
+    return TaggedMesh(points, tets, facets, nearest_faces(points[facets], surface))
+
+
+def nearest_faces(corners: FloatArray, surface: tuple[FloatArray, IntArray, IntArray]) -> IntArray:
+    """Return the CAD face nearest to the middle of each facet (k, 3, 3), of a surface as `Domain.surface` gives it."""
+    import pyvista as pv
+
+    points, triangles, owners = surface
+    nearest = pv.PolyData.from_regular_faces(points, triangles).find_closest_cell(corners.mean(axis=1))
+    return np.asarray(owners[np.asarray(nearest)])
 
 
 def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
