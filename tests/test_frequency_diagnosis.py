@@ -134,6 +134,27 @@ def test_a_hidden_effect_is_named_with_its_numbers(hidden: str) -> None:
         assert high - low < 0.15 * strength
 
 
+def test_effects_of_which_none_alone_explains_a_certain_share_are_added_together() -> None:
+    """Two modes and a delay: beside the two others, each by itself leaves a residual in which its fall is chance."""
+    f, rng = np.linspace(5.0, 1500.0, 400), np.random.default_rng(2)
+    shares, frequencies, delay = (-0.289, -0.383), (737.9, 530.0), 2.25e-4
+    total = (1 - sum(shares)) * mode(f, 217.7, 0.012)
+    total += sum(share * mode(f, at, 0.012) for share, at in zip(shares, frequencies, strict=True))
+    white = rng.standard_normal((2, len(f))) + 1j * rng.standard_normal((2, len(f)))
+    response = GAIN * (total * np.exp(-2j * np.pi * f * delay) * (1 + 0.02 * white[0]) + 0.006 * white[1])
+    axis = replace(AXIS, natural_frequency=250.0, uncertainty={"natural_frequency": 0.2, "gain": 0.3})
+    said = list[str]()
+    found = diagnose(StageModel({"x": axis}), [FrequencyResponse("sweep", f, response)], progress=said.append)
+    assert any(line.startswith("asking which of") for line in said)
+    assert {named.name for named in found.effects} == {"transport_delay", "second_mode", "second_mode.2"}
+    values = {v.parameter.name.split(".", 1)[-1]: v.value for named in found.effects for v in named.values}
+    by_effect = {named.name: {v.parameter.name: v.value for v in named.values} for named in found.effects}
+    assert values["delay"] == pytest.approx(delay, rel=0.03)
+    for share, at in zip(shares, frequencies, strict=True):
+        (name,) = (n for n in ("second_mode", "second_mode.2") if abs(by_effect[n][f"{n}.frequency"] / at - 1) < 0.01)
+        assert by_effect[name][f"{name}.share"] == pytest.approx(share, rel=0.1)
+
+
 def test_what_no_effect_explains_is_unknown() -> None:
     notch = (1 - (FAST / 62) ** 2 + 0.04j * FAST / 62) / (1 - (FAST / 62) ** 2 + 0.12j * FAST / 62)
     found = found_in(measured(FAST, GAIN * mode(FAST) * notch))

@@ -17,7 +17,18 @@ from flexdesign import effects as catalogue
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.measurements import recordings as recorded
 from studies.hidden_effect_demo import __main__ as demo
-from studies.hidden_effect_trial import bench, cases, confusion, folder, kernel, recordings, report, scoring, trial
+from studies.hidden_effect_trial import (
+    bench,
+    cases,
+    confusion,
+    folder,
+    imperfect,
+    kernel,
+    recordings,
+    report,
+    scoring,
+    trial,
+)
 from studies.hidden_effect_trial.detection import Complement, State, columns, contribution
 from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, OUTSIDE, Stage
 from studies.hidden_effect_trial.folder import Answer
@@ -342,6 +353,30 @@ def test_models_are_off_by_no_more_than_they_say() -> None:
         # Two standard deviations: 10 % of the gain, 3 % of the stiffness and 2 % of the mass at once.
         assert abs(off["gain"]) <= 0.2 and abs(off["omega"]) <= 0.053
         assert all(abs(off[name]) <= 0.2 for name in ("zeta", "a", "b", "c"))
+
+
+def test_rough_models_are_off_by_tens_of_percent_and_say_so(tmp_path: Path) -> None:
+    stages = [cases.draw_stage(np.random.default_rng(n)) for n in range(40)]
+    for name, most in (("gain", 0.4), ("omega", 0.32)):  # two standard deviations of the logarithm
+        off = [
+            math.log(getattr(cases.draw_nominal(np.random.default_rng(n), stage, (), rough=True), name))
+            - math.log(getattr(stage, name))
+            for n, stage in enumerate(stages)
+        ]
+        assert max(map(abs, off)) <= most + 1e-12 and np.std(off) > 0.3 * most
+    told = trial.settings()
+    numbers = told.rough_numbers()
+    hidden = [cases.hidden_in(n) for n in numbers if cases.kind_of(n) == "single"]
+    assert {*hidden} == {effect.name for effect in CATALOGUE} - {*cases.RESONANCE}
+    assert all(cases.is_rough(n) for n in numbers) and not any(cases.is_rough(n) for n in told.numbers())
+    assert not any(imperfect.holds(n) for n in numbers) and told.rough_numbers("creep", 2) == [80000, 80001]
+    with pytest.raises(ValueError, match="no case 81500"):  # a payload within what the model itself doubts
+        cases.kind_of(81500)
+    case = cases.make(90000)
+    assert case.kind == "none"
+    folder.write(case, tmp_path / "case", tmp_path / "answer.toml")
+    doubt = reading.read(tmp_path / "case" / "model.toml").axes["x"].uncertainty
+    assert doubt["gain"] == 0.2 and {"natural_frequency": 0.16, "mass": 0.2}.items() & doubt.items()
 
 
 def test_every_kind_has_its_numbers() -> None:

@@ -213,4 +213,4 @@ def test_the_page_of_one_folder(tmp_path: Path) -> None:
     picture = Path(written["gaps.svg"]).read_text()
     assert "with the named effects from -0.0" in picture  # the differences [%], and not the places of the rows
     page = Path(written["report.md"]).read_text()
-    assert "2 explained." in page and "| -1.01 % |" in page
+    assert "2 are explained." in page and "| -1.01 % |" in page

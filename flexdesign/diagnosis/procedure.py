@@ -53,6 +53,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_effects,
     with_values,
 )
+from flexdesign.estimation.model_selection.joint_selection import add_together
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -202,16 +203,21 @@ def search(
     steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
     if fits and fits[-1].exceeds_noise:  # the whole runs may have another minimum than a part of them
         fits[-1] = escape(task, fits[-1])
-    steps, fits = select(
+    most = MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES
+    selecting = partial(
+        select,
         task,
         calibration,
         every,
-        MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES,
-        confirmed=(steps, fits),
+        most,
         expansion_points=begun.origins,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
+    steps, fits = selecting(confirmed=(steps, fits))
+    last = fits[-1] if fits else calibration
+    if not data.runs and (step := add_together(task, last, every, most)) and step.chosen:
+        steps, fits = selecting(confirmed=([*steps, step], [*fits, step.chosen.fit]))
     return task, SelectionHistory(
         begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
     )

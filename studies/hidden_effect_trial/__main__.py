@@ -20,6 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--imperfect", action="store_true", help="benches with structural errors that no effect describes"
     )
+    parser.add_argument("--rough", action="store_true", help="stage models that are off by up to 40 %%, and say so")
     parser.add_argument(
         "--only", metavar="KIND", help="none, single, pair, outside, faint, an effect, or a structural error"
     )
@@ -36,14 +37,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--out", type=Path, default=trial.OUT, help="folder of what comes of it, with one for each seed"
     )
     given = parser.parse_args(arguments)
-    settings, out = trial.settings(), trial.folder_of(given.out, given.seed, given.imperfect)
+    kind = "imperfect" if given.imperfect else "rough" if given.rough else ""
+    settings, out = trial.settings(), trial.folder_of(given.out, given.seed, kind)
     try:
         if given.seed < 0 or (given.sample is not None and given.sample < 1):
             raise ValueError("a seed is zero or more, a sample one or more")
         settings = settings if given.sample is None else settings.sample(given.sample)
         if given.case is not None:
             return _one(given.case, out, given.seed, given.draw)
-        choose = settings.imperfect_numbers if given.imperfect else settings.numbers
+        if given.imperfect and given.rough:
+            raise ValueError("--imperfect and --rough are trials of their own")
+        choose = {"imperfect": settings.imperfect_numbers, "rough": settings.rough_numbers}.get(kind, settings.numbers)
         numbers = list(settings.ci) if given.ci else choose(given.only, given.cases)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)

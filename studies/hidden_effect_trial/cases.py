@@ -27,6 +27,9 @@ SEED = 20191
 TESTING = 1000
 #: First number of each kind; of single and faint cases hundred belong to an effect, of those outside hundred to a kind.
 FIRST = {"none": 10000, "single": 20000, "pair": 30000, "outside": 40000, "faint": 50000}
+#: The same of cases whose stage model is rough; and by how much that is off, as standard deviations of logarithms.
+ROUGH_FIRST = {"single": 80000, "none": 90000}
+ROUGH_SIGMA = {"omega": 0.16, "gain": 0.2}
 #: Effect-to-noise ratios: where an effect shows, where it cannot, and outside the catalogue.
 VISIBLE_RATIO, FAINT_RATIO, OUTSIDE_RATIO = (1.0, 30.0), (0.02, 0.1), (3.0, 30.0)
 #: Root mean square of the noise, in strokes.
@@ -112,13 +115,20 @@ def kind_of(number: int) -> str:
     ValueError
         If no case has this number.
     """
-    kind = next((kind for kind, first in FIRST.items() if first <= number < first + 10000), None)
-    place = number - FIRST[kind] if kind else 0
-    if kind is None or (kind in ("single", "faint") and place >= 100 * len(CATALOGUE)):
+    every = (*FIRST.items(), *ROUGH_FIRST.items())
+    kind, place = next(((kind, number - first) for kind, first in every if first <= number < first + 10000), ("", 0))
+    if not kind or (kind in ("single", "faint") and place >= 100 * len(CATALOGUE)):
+        raise ValueError(f"there is no case {number}")
+    if kind == "single" and is_rough(number) and hidden_in(number) in RESONANCE:
         raise ValueError(f"there is no case {number}")
     if (kind == "outside" and place >= 100 * len(OUTSIDE)) or (kind == "faint" and hidden_in(number) in NEVER_FAINT):
         raise ValueError(f"there is no case {number}")
     return kind
+
+
+def is_rough(number: int) -> bool:
+    """Tell whether the stage model of a case is off by tens of percent, and says so."""
+    return number >= ROUGH_FIRST["single"]
 
 
 def hidden_in(number: int) -> str:
@@ -127,13 +137,17 @@ def hidden_in(number: int) -> str:
     return kinds[number % 10000 // 100].name
 
 
-def numbers(kind: str, count: int) -> list[int]:
-    """Return the first `count` numbers of a kind; for each effect `count`, where a case is about one."""
-    first = FIRST[kind]
+def numbers(kind: str, count: int, rough: bool = False) -> list[int]:
+    """Return the first `count` numbers of a kind; for each effect `count`, where a case is about one.
+
+    Of rough models none lacks what is within their own uncertainty.
+    """
+    first = (ROUGH_FIRST if rough else FIRST)[kind]
     if kind in ("none", "pair"):
         return list(range(first, first + count))
     kinds = [e.name for e in (OUTSIDE if kind == "outside" else CATALOGUE)]
-    about = [i for i, name in enumerate(kinds) if kind != "faint" or name not in NEVER_FAINT]
+    never = NEVER_FAINT if kind == "faint" else RESONANCE if rough else ()
+    about = [i for i, name in enumerate(kinds) if name not in never]
     return [first + 100 * i + k for i in about for k in range(count)]
 
 
@@ -175,7 +189,7 @@ def _attempt(rng: np.random.Generator, number: int, kind: str, drawn: DrawRuns) 
     names = _names(rng, number, kind)
     held = False if "rate_dependent_hysteresis" in names else None
     runs = drawn(rng, stage, held)
-    nominal = draw_nominal(rng, stage, names)
+    nominal = draw_nominal(rng, stage, names, is_rough(number))
     effects: dict[str, Values] = {}
     if names:
         found = draw_effects(rng, kind, names, stage, nominal, runs, noise)
@@ -233,11 +247,13 @@ def _truncated_normal(rng: np.random.Generator, sigma: float) -> float:
     return sigma * value
 
 
-def draw_nominal(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) -> Stage:
+def draw_nominal(rng: np.random.Generator, stage: Stage, names: tuple[str, ...], rough: bool = False) -> Stage:
     """Return what the stage model states: off by what it says of its uncertainty, or by up to a fifth."""
     off = {name: 1.0 + rng.uniform(-0.2, 0.2) for name in ("zeta", "gain", "a", "b", "c")}
     off["gain"] = 1.0 + _truncated_normal(rng, PRIOR_SIGMA["gain"])
     off["omega"] = math.sqrt((1.0 + _truncated_normal(rng, 0.03)) / (1.0 + _truncated_normal(rng, 0.02)))
+    if rough:
+        off |= {name: math.exp(_truncated_normal(rng, sigma)) for name, sigma in ROUGH_SIGMA.items()}
     values = {name: getattr(stage, name) * factor for name, factor in off.items()}
     if "bouc_wen" in names:
         values["a"] = 0.0

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.hidden_effect_trial.cases import SEED, Case
+from studies.hidden_effect_trial.cases import SEED, Case, is_rough
 from studies.hidden_effect_trial.effects import BY_NAME
 from studies.hidden_effect_trial.recordings import PERIOD
 
@@ -87,7 +87,9 @@ def model_text(case: Case) -> str:
         if case.lumped
         else [f'natural_frequency = "{stated.omega / (2.0 * np.pi):.7g} Hz"']
     )
-    sigma = 'mass = "2 %", stiffness = "3 %"' if case.lumped else 'natural_frequency = "1.8 %"'
+    known = ("20 %", "25 %", "16 %", "20 %") if is_rough(case.number) else ("2 %", "3 %", "1.8 %", "10 %")
+    mass, stiffness, frequency, gain = known
+    sigma = f'mass = "{mass}", stiffness = "{stiffness}"' if case.lumped else f'natural_frequency = "{frequency}"'
     loop = f'a = "{1e6 * stated.a:.6g} um/V", b = "{stated.b:.6g} 1/V", c = "{stated.c:.6g} 1/V", n = 1'
     return "\n".join(
         [
@@ -99,7 +101,7 @@ def model_text(case: Case) -> str:
             f"damping_ratio = {stated.zeta:.6g}",
             f'gain = "{1e6 * stated.gain:.6g} um/V"',
             *([f'hysteresis = {{ model = "bouc-wen", {loop} }}'] if stated.a > 0.0 else []),
-            f'uncertainty = {{ {sigma}, gain = "10 %", damping_ratio = "100 %" }}',
+            f'uncertainty = {{ {sigma}, gain = "{gain}", damping_ratio = "100 %" }}',
             "",
             "[axis.x.actuator]",
             f'free_stroke = "{1e6 * stated.stroke / 5.0:.4g} um"',

@@ -67,7 +67,7 @@ class Settings:
     """What ``hidden_effect_trial.toml`` says: cases by kind, those for continuous integration and for the slow
     tests, processes, seconds.
 
-    Of imperfect benches, how many cases belong to each effect, and how many have nothing missing.
+    Of imperfect benches and of rough models, how many cases belong to each effect, and how many have nothing missing.
     """
 
     counts: dict[str, int]
@@ -76,6 +76,7 @@ class Settings:
     jobs: int
     seconds: float
     imperfect: dict[str, int]
+    rough: dict[str, int]
 
     def sample(self, count: int) -> Settings:
         """Return the settings of a stratified sample: `count` cases of each single effect, others in proportion.
@@ -87,7 +88,7 @@ class Settings:
             share = count / counts["single"]
             return {kind: math.ceil(round(share * number, 9)) for kind, number in counts.items()}
 
-        return replace(self, counts=part(self.counts), imperfect=part(self.imperfect))
+        return replace(self, counts=part(self.counts), imperfect=part(self.imperfect), rough=part(self.rough))
 
     def imperfect_numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
         """Return the numbers of cases on imperfect benches, all or of one kind, effect or structural error."""
@@ -96,15 +97,20 @@ class Settings:
             raise ValueError(f"there is no effect and no structural error {only}; errors: {', '.join(imperfect.KINDS)}")
         return found[:count]
 
-    def numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
+    def rough_numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
+        """Return the numbers of cases with rough models, all, of one kind or effect, or the first `count`."""
+        return self.numbers(only, count, rough=True)
+
+    def numbers(self, only: str | None = None, count: int | None = None, rough: bool = False) -> list[int]:
         """Return the numbers of all cases, of one kind or effect, or the first `count` of each kind."""
-        kinds = [kind for kind in self.counts if only in (None, kind)]
-        found = [n for kind in kinds for n in cases.numbers(kind, self.counts[kind])]
-        if not kinds:
-            everything = [n for kind in self.counts for n in cases.numbers(kind, self.counts[kind])]
-            found = [n for n in everything if cases.kind_of(n) not in ("none", "pair") and cases.hidden_in(n) == only]
+        counts = self.rough if rough else self.counts
+        everything = {kind: cases.numbers(kind, number, rough) for kind, number in counts.items()}
+        found = [n for kind, numbers in everything.items() if only in (None, kind) for n in numbers]
+        if only not in (None, *counts):
+            about = [n for kind, numbers in everything.items() if kind not in ("none", "pair") for n in numbers]
+            found = [n for n in about if cases.hidden_in(n) == only]
         if not found:
-            raise ValueError(f"there is no kind of case and no effect {only}; kinds: {', '.join(self.counts)}")
+            raise ValueError(f"there is no kind of case and no effect {only}; kinds: {', '.join(counts)}")
         return found[:count] if count is not None else found
 
 
@@ -118,6 +124,7 @@ def settings(path: Path = SETTINGS) -> Settings:
         stored["run"]["jobs"],
         stored["run"]["seconds"],
         stored["imperfect"],
+        stored["rough"],
     )
 
 
@@ -129,9 +136,9 @@ def fingerprint(folder: Path, paths: Iterable[Path]) -> str:
     return total.hexdigest()[:12]
 
 
-def folder_of(out: Path, seed: int, on_imperfect: bool = False) -> Path:
-    """Return the folder of a seed: what comes of different seeds, or of imperfect benches, never mixes."""
-    return out / (f"imperfect-seed-{seed}" if on_imperfect else f"seed-{seed}")
+def folder_of(out: Path, seed: int, kind: str = "") -> Path:
+    """Return the folder of a seed: what comes of different seeds, of imperfect benches or rough models, never mixes."""
+    return out / (f"{kind}-seed-{seed}" if kind else f"seed-{seed}")
 
 
 def make_case(number: int, out: Path, seed: int = cases.SEED) -> tuple[Path, Answer]:

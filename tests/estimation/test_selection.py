@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.core.model import parameter_of
 from flexdesign.diagnosis.calibration import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
-from flexdesign.estimation.model_selection import stepwise_selection
+from flexdesign.estimation.model_selection import fitted_model, joint_selection, stepwise_selection
 from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable, replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
@@ -520,6 +521,45 @@ def test_what_imitates_a_small_effect_is_not_named() -> None:
     alone, with_small = fit_with(about, [imitation]), fit_with(about, [imitation, every[2]])
     trial = dataclasses.replace(compare(about, alone, with_small, ("c",), 10.0), is_small=True)
     assert stepwise_selection._without_imitations(about, [Step(None, (trial,))], [alone]) == []
+
+
+def test_of_an_effect_that_is_there_twice_the_first_stays() -> None:
+    """Whichever is dropped: what is named is the first one, with the numbers of the one that the runs need."""
+    about, every = task({"b": 0.3, "e": -0.2}), effects()
+    first, second = candidate("m", {"e": 1.0}, signed=True), candidate("m.2", {"e": 1.0}, signed=True, after="m")
+    both = fit_with(about, [every[1], first, second])
+    start, names = stepwise_selection.refit(about, both, (every[1], second)), ("b", "m")
+    assert start is not None and start.names == names
+    assert start.cost == pytest.approx(fit_with(about, [every[1], first]).cost, rel=1e-5)
+    kept, values = fitted_model._renumber(both, (every[1], second))
+    assert [effect.name for effect in kept] == [*names]
+    assert values == {"m": parameter_of(both.model, "m.2").start}
+    # Of three the last goes, and the second has the values of the third.
+    third = candidate("m.3", {"e": 1.0}, signed=True, after="m.2")
+    kept, values = fitted_model._renumber(fit_with(about, [first, second, third]), (second, third))
+    assert [effect.name for effect in kept] == ["m", "m.2"] and [*values] == ["m", "m.2"]
+    # Nothing changes where the last one is dropped.
+    assert fitted_model._renumber(both, (every[1], first)) == ((every[1], first), {})
+
+
+def test_effects_that_need_each_other_are_added_and_others_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third effect in the noise, added without being asked for evidence, is dropped again."""
+    about, every = task({"b": 0.3, "e": -0.3}), effects()
+    before = calibrated_stand(about)
+
+    def blind(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate]) -> Step:
+        """What is tried: in this order, whether it has evidence or not."""
+        effect = next(each for each in (every[0], every[1], every[4]) if each.name not in fit.names)
+        return Step(None, (compare(task, fit, fit_with(about, [*fit.effects, effect]), (effect.name,), 10.0),))
+
+    monkeypatch.setattr(joint_selection, "forward", blind)
+    step = joint_selection.add_together(about, before, every, 3)
+    assert step is not None and step.chosen is not None
+    assert {*step.chosen.names} == {*step.chosen.fit.names} == {"b", "e"} and not step.chosen.reason
+    assert step.chosen.fit.cost == pytest.approx(fit_with(about, [every[1], every[4]]).cost, rel=1e-4)
+    # Of two effects that are tried, of which one has evidence, none are added together.
+    assert joint_selection.add_together(about, before, every, 2) is None
+    assert joint_selection.add_together(about, step.chosen.fit, every, 3) is None  # nothing but noise remains
 
 
 def test_a_fit_in_a_local_minimum_begins_again_with_the_threshold_on_either_side() -> None:

@@ -257,10 +257,30 @@ def predict_tests(task: EstimationTask, fit: FittedModel) -> FittedModel:
 
 
 def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]) -> FittedModel | None:
-    """Fit a model with some of the effects of a fit, from the values that it has."""
+    """Fit a model with some of the effects of a fit, from the values that it has.
+
+    Of an effect that the fit has several times the first ones stay, whichever were asked for, at the values of those.
+    """
+    effects, renamed = _renumber(fit, effects)
     model = with_effects(task.bare(fit.model), effects)
     dropped = {name for effect in fit.effects if effect not in effects for name in effect.free}
-    return fit_model(task, with_values(model, fit.model, dropped), effects)
+    return fit_model(task, with_values(model, fit.model, dropped).replace(renamed), effects)
+
+
+def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[Candidate, ...], dict[str, float]]:
+    """Return the effects with those in front that were dropped before their followers, and the values of the latter."""
+    dropped = {effect.name: effect for effect in fit.effects if effect not in effects}
+    kept, values = list[Candidate](), dict[str, float]()
+    for effect in effects:
+        if effect.after in dropped:
+            first = dropped.pop(effect.after)
+            values |= {
+                name: parameter_of(fit.model, name.replace(first.name, effect.name, 1)).start or 0.0
+                for name in first.free
+            }
+            dropped[effect.name], effect = effect, first
+        kept.append(effect)
+    return tuple(kept), values
 
 
 def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
+from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri
 
 from flexdesign.core.errors import InputError
@@ -37,6 +38,8 @@ LARGEST_EXTRAPOLATION = 300.0
 #: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
 #: parameters imitate is projected out to first order.
 LARGEST_MOVE = 3.0
+#: Strengths of a limit or a delay that are tried between those of its grid.
+STRENGTHS_TRIED = 10
 #: Draws of chance, and the share of them whose largest score is the critical value that is continued to rarer ones.
 NULL_DRAWS, SIMULATED_LEVEL = 4000, 0.01
 
@@ -126,6 +129,11 @@ class Direction:
     def best_step(self) -> float:
         """How many times the trial's strength the residual asks for."""
         return self.predicted_gain / self.projected_norm2
+
+    @property
+    def reduction_as_it_is(self) -> float:
+        """By how much the cost would fall at the trial's own strength."""
+        return 2.0 * self.predicted_gain - self.projected_norm2
 
     @property
     def start(self) -> dict[str, float]:
@@ -319,6 +327,26 @@ class Screening:
         return np.array(
             [(d.move @ whole - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]
         )
+
+    def at_best_strength(self, direction: Direction) -> Direction:
+        """Return the direction of a limit or a delay at the strength that explains most as it is.
+
+        It is searched between the neighbouring trials (Brent 1973): beyond a threshold a limit changes nearly nothing,
+        and a little before it too much.
+        """
+        candidate, name = direction.candidate, direction.candidate.strength
+        tried = sorted({values[name] for values in candidate.trials})
+        place = tried.index(direction.values[name])
+        ends = tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)]
+        found = [direction]
+
+        def rise(logarithm: float) -> float:
+            made = self._try(candidate, {**direction.values, name: math.exp(logarithm)})
+            found.extend([] if made is None else [made])
+            return 0.0 if made is None else -made.reduction_as_it_is
+
+        minimize_scalar(rise, bounds=np.log(ends), method="bounded", options={"maxiter": STRENGTHS_TRIED})
+        return max(found, key=lambda each: each.reduction_as_it_is)
 
     def best(self) -> list[list[Direction]]:
         """Return for each candidate its directions, best first; the candidate that promises most first."""

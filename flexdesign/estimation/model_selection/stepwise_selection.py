@@ -170,15 +170,20 @@ def _in_two_steps(
 def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
     """Return where fits start: at the best trials of each candidate, and at pairs that promise more than one."""
     best = screening.best()
+
+    def start(*directions: Direction) -> _Start:
+        limits = [screening.at_best_strength(d) if d.candidate.has_own_trials else d for d in directions]
+        return _Start(origin, tuple(limits))
+
     found = [
-        _Start(origin, (each,))
+        start(each)
         for directions in best
         for each in directions[:STARTS_PER_CANDIDATE]
         if each.predicted_reduction > enough
     ]
     most = best[0][0].predicted_reduction if best else 0.0
     pairs = [(a, b) for predicted_gain, a, b in screening.pairs(MOST_PAIRS) if predicted_gain > most + enough]
-    return found + [_Start(origin, pair) for pair in pairs]
+    return found + [start(*pair) for pair in pairs]
 
 
 def _compete(
