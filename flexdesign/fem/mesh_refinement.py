@@ -279,7 +279,9 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
         raise InputError(study.design.file, "mesh.method", asked.method, remedy)
     if body.thin is not None and body.extrusion is not None and asked.method != "wild":
         given = asked.at_root or methods.EXTRUDED_GRADING[0], asked.growth or methods.EXTRUDED_GRADING[1]
-        return LocalExtrusion(body, *given, asked.largest, asked.envelope)
+        layers = LocalExtrusion(body, *given, asked.largest, asked.envelope)
+        if body.crossings is None or layers.follow_crossings(asked.refinement ** (asked.levels - 1)):
+            return layers
     if body.thin is not None:
         at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
         return LocalThickness(body, at_root, growth, asked.largest, asked.envelope, asked.method != "wild")

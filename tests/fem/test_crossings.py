@@ -89,6 +89,42 @@ def test_counterbores_and_blind_holes_along_the_layers_are_cut_out(tmp_path: Pat
     assert method.mesh(1.0).volume == pytest.approx(body.volume, abs=0.05 * missing * 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("milled", "missing"),
+    [
+        (cq.Workplane().box(3, 20, 2).translate((11, 0, 2)), 3 * 20 * 2),  # a slot from side to side
+        (cq.Workplane().box(4, 8, 1.5).translate((11, 1, 2.25)), 4 * 8 * 1.5),  # a pocket
+        (cq.Workplane().box(5, 20, 1).translate((16.5, 0, 2.5)), 5 * 20 * 1),  # a step down to the end
+        (cq.Workplane("XZ", origin=(11, 10, 3)).circle(2).extrude(20), np.pi * 2 * 20),  # a bore open to the face
+    ],
+    ids=["slot", "pocket", "step", "groove"],
+)
+def test_what_is_milled_into_a_face_is_cut_out(milled: cq.Workplane, missing: float, tmp_path: Path) -> None:
+    blocks = cq.Workplane().pushPoints([(-11, 0), (11, 0)]).box(16, 20, 6).union(cq.Workplane().box(6, 0.5, 6))
+    blocks = blocks.cut(cq.Workplane().center(-12, 4).circle(2).extrude(12, both=True))
+    body, method = method_of(study_of(blocks.cut(milled), tmp_path))
+    assert isinstance(method, LocalExtrusion)
+    assert 1e-9 * (16 * 20 * 6 * 2 + 6 * 0.5 * 6 - np.pi * 4 * 6 - missing) == pytest.approx(body.volume, rel=1e-9)
+    mesh = method.mesh(1.0)
+    method.check(mesh)
+    assert mesh.volume == pytest.approx(body.volume, abs=0.03 * missing * 1e-9)
+
+
+def test_a_slot_softens_a_beam_as_on_a_mesh_of_netgen(tmp_path: Path) -> None:
+    """From one side, and half as deep as the beam."""
+    slot = cq.Workplane().box(5, 10, 4).translate((1, 0, 2))
+    study = study_of(cq.Workplane().box(24, 10, 8).cut(slot), tmp_path)
+    body, layers = method_of(study)
+    assert isinstance(layers, LocalExtrusion)
+    found = stiffness(study, body, layers.mesh(1.0))
+    _, netgen = method_of(study, layered=False)
+    assert found == pytest.approx(stiffness(study, body, netgen.mesh(0.45)), rel=5e-3)
+    whole = study_of(cq.Workplane().box(24, 10, 8), tmp_path)
+    without, plain = method_of(whole)
+    before = stiffness(whole, without, plain.mesh(1.35))
+    assert 0.3 < found["k_z_other_motions_free"] / before["k_z_other_motions_free"] < 0.8
+
+
 #: Port stiffness of the bored beam below [N/m, N m/rad], other motions held and free, on 32 544 tetrahedra that Netgen
 #: makes of its CAD faces (coarseness 0.65): the change from 25 928 is 0.1 % at most.
 BORED = {
@@ -171,13 +207,22 @@ def test_rays_are_no_more_than_most_where_all_edges_are_rounded(monkeypatch: pyt
     assert found.hinges[0].thickness == pytest.approx(0.5e-3, rel=1e-3)
 
 
+def slotted() -> cq.Workplane:
+    """The hinge between larger blocks, with a slot from side to side and a step at its end."""
+    blocks = cq.Workplane().pushPoints([(-8, 0), (8, 0)]).box(10, 12, 6).union(cq.Workplane().box(6, 0.5, 6))
+    blocks = blocks.cut(cq.Workplane().box(3, 12, 2).translate((8, 0, 2)))
+    return blocks.cut(cq.Workplane().box(3, 5, 3).translate((-11.5, 3.5, 1.5)))
+
+
 @pytest.mark.slow
-def test_the_error_bars_of_a_drilled_hinge_hold_on_finer_meshes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("solid", [hinge(), slotted()], ids=["drilled", "milled"])
+def test_the_error_bars_of_a_hinge_hold_on_finer_meshes(
+    solid: cq.Workplane, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reference has eight layers for each free end instead of five, six across the bore, and shorter edges."""
-    study = study_of(hinge(), tmp_path)
+    study = study_of(solid, tmp_path)
     body, method = method_of(study)
+    assert isinstance(method, LocalExtrusion) and body.crossings is not None
     part, cache = study.design.part(), Cache(tmp_path / "cache")
     levels = mesh_refinement.refine(study, part, body, method, cache, lambda _: None)
     found = mesh_refinement.gather_quantities(study, levels, method.scatter)

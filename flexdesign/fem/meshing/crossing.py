@@ -1,9 +1,8 @@
-"""What crosses the layers of a solid that is otherwise an extrusion: bores from the side, counterbores, blind holes.
+"""What crosses the layers of a solid that is nearly an extrusion: bores from the side, counterbores, pockets, slots.
 
-A plate that is cut by wire erosion is an extrusion until somebody drills it from the side. Its leaves are as good as
-before, and layers are still the way to mesh them. So the faces of bores and the like are taken off the solid, as CAD
-programs do to simplify a part; the rest has a section, which is meshed in layers, and what was taken away is cut
-out of these (`cutting`).
+A plate that is cut by wire erosion is an extrusion until somebody drills it from the side or mills a slot into it. Its
+leaves are as good as before, and layers are still the way to mesh them. So the smallest extrusion that holds the solid
+is meshed in layers, and what the solid lacks of that is cut out of them (`cutting`).
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ ANGLE = 0.1
 
 @dataclass(frozen=True)
 class Crossings:
-    """What is missing in a solid that would otherwise be an extrusion.
+    """What a solid lacks of the smallest extrusion that holds it.
 
     Parameters
     ----------
@@ -96,11 +95,11 @@ def layers_of(
     whole = whole.clean()  # bores drawn in two pieces are one
     for index in section.candidates(thin.inward_at_hinges):
         across = _faces_across(whole, index)
-        bare = None if not across or _are_near(across, thin) else _without(whole, across)
-        if bare is None:
+        full = None if not across or _are_near(across, thin) else _drawn_out(whole, index)
+        if full is None:
             continue
         try:
-            filled = cut_down(bare)
+            filled = cut_down(full)
             found = section.of_solid(filled, section.AXES[index])
         except InputError:
             continue
@@ -110,7 +109,7 @@ def layers_of(
         # what is to be cut out must be all that the two differ by
         if abs(filled.Volume() - missing.Volume() - solid.Volume()) > ALIKE * solid.Volume():
             continue
-        crossings = _crossings(solid, filled, missing, bare.cut(whole), index)
+        crossings = _crossings(solid, filled, missing, full.cut(whole), index)
         if not set(ports) & set(crossings.faces):
             return replace(found, ends=_ends(solid, found)), crossings
     return None, None
@@ -154,24 +153,35 @@ def _is_side(face: Any, index: int, low: float, high: float, near: float) -> boo
     return bool(face.geomType() in ("EXTRUSION", "BSPLINE"))  # what is no extrusion is refused afterwards
 
 
-def _without(solid: Any, faces: Sequence[Any]) -> Any | None:
-    """Return a solid without some of its faces, the others being extended over them; None if that gives no solid."""
+def _drawn_out(solid: Any, index: int) -> Any | None:
+    """Return the smallest extrusion along an axis that holds a solid; None if that is none in one piece.
+
+    It is the union of the sections between neighbouring heights of vertices, each drawn out from end to end.
+    """
     import cadquery as cq
-    from OCP.BRepAlgoAPI import BRepAlgoAPI_Defeaturing
     from OCP.Standard import Standard_Failure
 
-    removal = BRepAlgoAPI_Defeaturing()
-    removal.SetShape(solid.wrapped)
-    for face in faces:
-        removal.AddFaceToRemove(face.wrapped)
+    heights = np.unique(np.round([vertex.toTuple()[index] for vertex in solid.Vertices()], 9))
+    way, size = np.eye(3)[index], solid.BoundingBox().DiagonalLength
+    made: Any = None
     try:
-        removal.Build()
-    except Standard_Failure:
+        for height in _longest_first(heights):
+            plane = cq.Face.makePlane(4 * size, 4 * size, tuple(height * way), tuple(way))
+            for face in plane.intersect(solid).Faces():
+                start = face.moved(cq.Location(cq.Vector(*((heights[0] - height) * way))))
+                piece = cq.Solid.extrudeLinear(start, cq.Vector(*((heights[-1] - heights[0]) * way)))
+                made = piece if made is None else made.fuse(piece)
+            if made is not None and solid.cut(made).Volume() < ALIKE * solid.Volume():
+                break
+    except (Standard_Failure, ValueError):
         return None
-    if not removal.IsDone():
-        return None
-    left = cq.Shape.cast(removal.Shape()).Solids()
-    return left[0] if len(left) == 1 and left[0].isValid() else None
+    found = [] if made is None else made.clean().Solids()
+    return found[0] if len(found) == 1 and found[0].isValid() else None
+
+
+def _longest_first(heights: FloatArray) -> FloatArray:
+    """Return the middles between neighbouring heights, those of the longest stretches first."""
+    return (0.5 * (heights[1:] + heights[:-1]))[np.argsort(-np.diff(heights), kind="stable")]
 
 
 def _crossings(solid: Any, filled: Any, missing: Any, missing_in_whole: Any, index: int) -> Crossings:

@@ -63,8 +63,9 @@ def _cut(mesh: TaggedMesh, gap: _Gap) -> TaggedMesh:
     away = np.full(len(mesh.points), gap.size)
     some = np.unique(mesh.tets[gap.may_meet(mesh.points[mesh.tets])])
     away[some] = gap.distance(mesh.points[some])
-    away[_nearly_on(mesh, away, gap)] = 0.0
-    points, tets, away = _divide(mesh.points, mesh.tets, away, gap)
+    points, near = _drawn_onto(mesh, away, gap)
+    away[near] = 0.0
+    points, tets, away = _divide(points, mesh.tets, away, gap)
     skin = boundary(tets)
     ends = away[tets]
     kept = np.asarray((ends > 0).any(axis=1))
@@ -148,12 +149,27 @@ class _Gap:
         return within
 
 
-def _nearly_on(mesh: TaggedMesh, away: FloatArray, gap: _Gap) -> IntArray:
-    """Return the vertices, by index, that lie on the surface but for a small share of an edge that crosses it."""
+def _drawn_onto(mesh: TaggedMesh, away: FloatArray, gap: _Gap) -> tuple[FloatArray, IntArray]:
+    """Return the vertices, of which those nearly on the surface are drawn onto it, and the indices of the latter.
+
+    They lie off it by a small share of an edge that crosses it, and are moved along that. One on the skin of the mesh
+    stays there: it moves along an edge on the same faces, if one crosses the surface so near.
+    """
     edges = np.unique(np.sort(mesh.tets[:, EDGES].reshape(-1, 2), axis=1), axis=0)
     edges = edges[away[edges].prod(axis=1) < 0]
     share = _shares(mesh.points, edges, away, gap)
-    return np.concatenate([edges[share < NEAR, 0], edges[share > 1 - NEAR, 1]])
+    places = (1 - share[:, None]) * mesh.points[edges[:, 0]] + share[:, None] * mesh.points[edges[:, 1]]
+    starts, ends = np.concatenate([edges, edges[:, ::-1]]).T
+    share, places = np.concatenate([share, 1 - share]), np.vstack([places, places])
+    close = np.flatnonzero(share < NEAR)
+    near = np.unique(starts[close])
+    on_skin = np.zeros((len(mesh.points), mesh.faces.max() + 1), dtype=bool)
+    on_skin[mesh.facets, mesh.faces[:, None]] = True
+    free = close[~(on_skin[starts[close]] & ~on_skin[ends[close]]).any(axis=1)]
+    free = free[np.argsort(-share[free], kind="stable")]  # of several moves the least, which is written last
+    points = mesh.points.copy()
+    points[starts[free]] = places[free]
+    return points, near
 
 
 def _shares(points: FloatArray, edges: IntArray, away: FloatArray, gap: _Gap) -> FloatArray:

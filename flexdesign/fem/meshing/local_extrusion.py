@@ -91,6 +91,14 @@ class LocalExtrusion(LocalThickness):
             mesh = cutting.cut(mesh, self.domain, self.domain.crossings, coarseness)
         return replace(mesh, faces=np.array(self.domain.joined)[mesh.faces])
 
+    def follow_crossings(self, coarseness: float) -> bool:
+        """Tell whether layers of a coarseness are fine enough to have cut out what crosses them."""
+        try:
+            self.mesh(coarseness)
+        except MeshError:
+            return False
+        return True
+
     def size(self, mesh: TaggedMesh, coarseness: float) -> float:
         """Return the edge length by which results are extrapolated [m]: that at re-entrant corners and profiles."""
         return self.finest_edge(1.0) * coarseness**2
