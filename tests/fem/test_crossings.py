@@ -110,6 +110,21 @@ def test_what_is_milled_into_a_face_is_cut_out(milled: cq.Workplane, missing: fl
     assert mesh.volume == pytest.approx(body.volume, abs=0.03 * missing * 1e-9)
 
 
+@pytest.mark.parametrize(
+    "milled",
+    [
+        cq.Workplane().box(3, 20, 3).translate((11, 0, 1.5)).union(cq.Workplane().box(7, 20, 1).translate((11, 0, 0))),
+        cq.Workplane().box(0.6, 20, 4).translate((11, 0, 1)),
+        cq.Workplane().box(4, 20, 2).translate((11, 0, 0)),
+    ],
+    ids=["T slot", "slit", "channel"],
+)
+def test_what_elements_would_bridge_stays(milled: cq.Workplane, tmp_path: Path) -> None:
+    blocks = cq.Workplane().pushPoints([(-11, 0), (11, 0)]).box(16, 20, 6).union(cq.Workplane().box(6, 0.5, 6))
+    body, method = method_of(study_of(blocks.cut(milled), tmp_path))
+    assert body.crossings is None and not isinstance(method, LocalExtrusion)
+
+
 def test_a_slot_softens_a_beam_as_on_a_mesh_of_netgen(tmp_path: Path) -> None:
     """From one side, and half as deep as the beam."""
     slot = cq.Workplane().box(5, 10, 4).translate((1, 0, 2))

@@ -25,6 +25,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 #: Directions are parallel within this; faces lie on one another, and volumes are alike, within shares of the solid's.
 PARALLEL, ALIKE = 1e-7, 1e-6
+#: Slits narrower than this many of the thinnest hinge, which edges of the coarsest mesh would reach across.
+NARROW = 2.0
 #: Angle between neighbouring triangles of what is cut out [rad]: of a circle 63, whose area is off by 0.2 %.
 ANGLE = 0.1
 
@@ -104,7 +106,7 @@ def layers_of(
         except InputError:
             continue
         missing = filled.cut(solid)
-        if not missing.Solids():
+        if not missing.Solids() or _is_narrow(missing, filled, index, NARROW * thin.thinnest / MM):
             continue
         # what is to be cut out must be all that the two differ by
         if abs(filled.Volume() - missing.Volume() - solid.Volume()) > ALIKE * solid.Volume():
@@ -189,7 +191,7 @@ def _crossings(solid: Any, filled: Any, missing: Any, missing_in_whole: Any, ind
     import cadquery as cq
     from OCP.BRepTools import BRepTools
 
-    skin = cq.Compound.makeCompound(filled.Faces())
+    skin = _skin(filled)
     size = filled.BoundingBox().DiagonalLength
     left = [
         number
@@ -220,6 +222,12 @@ def _crossings(solid: Any, filled: Any, missing: Any, missing_in_whole: Any, ind
     )
 
 
+def _skin(solid: Any) -> Any:
+    import cadquery as cq
+
+    return cq.Compound.makeCompound(solid.Faces())
+
+
 def _triangles(shape: Any, size: float) -> tuple[FloatArray, IntArray]:
     """Return points (n, 3) [m] and triangles (m, 3) of a shape [mm]."""
     points, triangles = shape.tessellate(1e-3 * size, ANGLE)
@@ -237,6 +245,40 @@ def _widths(piece: Any, index: int) -> list[tuple[Any, float]]:
         (face, 2 * BRepAdaptor_Surface(face.wrapped).Cylinder().Radius() if bent else least)
         for face, bent in zip(piece.Faces(), round_, strict=True)
     ]
+
+
+def _is_narrow(missing: Any, filled: Any, index: int, least: float) -> bool:
+    """Tell whether plane walls of what is missing face each other across less than a length [mm], or across layers.
+
+    Elements could bridge such a slit, or the undercut of a T slot, and leave it stiff.
+    """
+    skin = _skin(filled)
+    for piece in missing.Solids():
+        for face in piece.Faces():
+            if face.geomType() == "PLANE":
+                across = _to_the_wall_across(piece, face, skin)
+                is_undercut = abs(face.normalAt().toTuple()[index]) > PARALLEL and math.isfinite(across)
+                if is_undercut or across < least:
+                    return True
+    return False
+
+
+def _to_the_wall_across(piece: Any, face: Any, skin: Any) -> float:
+    """Return how far it is from a plane face through a piece to its other side [mm]; infinite if one of both is open.
+
+    Open is what lies on the skin of the extrusion.
+    """
+    import cadquery as cq
+
+    place, near = cq.Vector(*_place_in(face)), ALIKE * skin.BoundingBox().DiagonalLength
+    way = -face.normalAt()
+    line = cq.Edge.makeLine(place, place + way * (2 * piece.BoundingBox().DiagonalLength))
+    start = cq.Vertex.makeVertex(*place.toTuple())
+    lengths = [edge.Length() for edge in line.intersect(piece).Edges() if edge.distance(start) < near]
+    if not lengths:
+        return math.inf
+    end = cq.Vertex.makeVertex(*(place + way * lengths[0]).toTuple())
+    return math.inf if min(skin.distance(start), skin.distance(end)) < near else float(lengths[0])
 
 
 def _place_in(face: Any) -> tuple[float, float, float]:
