@@ -21,21 +21,10 @@ from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading
 from flexdesign.fem.quantities.port_stiffness import matrices, port_stiffness
-from tests.fem.solids import notched
+from tests.fem.solids import PORTS, notched
 
 SHAPE = {"length": 4e-3, "thickness": 5e-4, "width": 6e-3, "stub_height": 4e-3, "stub_length": 3e-3}
-DESIGN = """format = 1
-part = "leaf.step"
-material = "Al 7075-T6"
-
-[ports.ground]
-plane = "x = min"
-
-[ports.output]
-plane = "x = max"
-interface = "{interface}"
-about = ["0 mm", "0 mm", "0 mm"]
-"""
+DESIGN = PORTS.replace("part.step", "leaf.step") + 'about = ["0 mm", "0 mm", "0 mm"]\n'
 
 
 def leaf() -> parts.Piece:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, refit
-from flexdesign.estimation.model_selection.model_comparison import Step, Trial, compare, rank
+from flexdesign.estimation.model_selection.model_comparison import Step, compare, rank
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import forward
 
@@ -39,22 +39,17 @@ def add_together(task: EstimationTask, fit: FittedModel, candidates: Sequence[Ca
     while len(full.effects) > len(fit.effects) + 1:  # of one alone the ordinary selection decides
         task.progress(f"asking which of {' and '.join(full.names)} are needed")
         added = [effect for effect in full.effects if effect.name not in fit.names]
-        needs = [need for effect in added if (need := _need(task, full, effect, score)) is not None]
-        weak = [need for need in needs if need.reason]
+        without = [refit(task, full, tuple(e for e in full.effects if e is not effect)) for effect in added]
+        needs = [
+            (compare(task, less, full, (effect.name,), score), less)
+            for effect, less in zip(added, without, strict=True)
+            if less is not None
+        ]
+        weak = [(need, less) for need, less in needs if need.reason]
         if not weak and len(needs) == len(added):
             together = compare(task, fit, full, tuple(effect.name for effect in added), score)
             return None if together.reason else Step(together, (together,))
         if not weak:
             return None
-        weakest = min(weak, key=lambda need: need.gain / need.critical_gain)
-        less = refit(task, full, tuple(effect for effect in full.effects if effect.name not in weakest.names))
-        if less is None:
-            return None
-        full = less
+        _, full = min(weak, key=lambda pair: pair[0].gain / pair[0].critical_gain)
     return None
-
-
-def _need(task: EstimationTask, fit: FittedModel, effect: Candidate, score: float) -> Trial | None:
-    """Return the trial of an effect of a fit given its others; None where these cannot be simulated without it."""
-    without = refit(task, fit, tuple(other for other in fit.effects if other is not effect))
-    return None if without is None else compare(task, without, fit, (effect.name,), score)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.special import chdtri
@@ -171,9 +172,12 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
     """Return where fits start: at the best trials of each candidate, and at pairs that promise more than one."""
     best = screening.best()
 
+    @cache  # singles and pairs begin in the same directions
+    def beginning(direction: Direction) -> Direction:
+        return screening.at_best_strength(direction) if direction.candidate.has_own_trials else direction
+
     def start(*directions: Direction) -> _Start:
-        limits = [screening.at_best_strength(d) if d.candidate.has_own_trials else d for d in directions]
-        return _Start(origin, tuple(limits))
+        return _Start(origin, tuple(map(beginning, directions)))
 
     found = [
         start(each)
