@@ -269,30 +269,6 @@ def test_where_a_model_fails_on_one_side_the_slope_is_looked_for_on_the_other() 
     assert found.jacobian(found.where.start, residuals)[0].matrix[:, 0] == pytest.approx(-T / 0.5)
 
 
-def line_with_slopes_of(formula: Any) -> Array:
-    """Slopes of a straight line, taken from another formula."""
-    model = Toy(lambda v, t: v["k"] * t, (parameter("k", 2.0, 0.0, 10.0),))
-    dataset = Dataset([Run("run", T, np.zeros(len(T)))], White(0.5), nothing)
-    found = Problem(
-        dataset, model, coordinates(model, ["k"], {}), jacobian_model=lambda of: Toy(formula, of.parameters())
-    )
-    residuals = found.residuals(found.where.start)
-    assert residuals is not None
-    return np.asarray(found.jacobian(found.where.start, residuals)[0].matrix[:, 0])
-
-
-def test_slopes_from_another_model_are_its_own_wherever_it_is() -> None:
-    """Here it predicts ten thousand times as far off as the number is moved."""
-    assert line_with_slopes_of(lambda v, t: 3.0 + 1.5 * v["k"] * t) == pytest.approx(-1.5 * T / 0.5)
-
-
-def test_where_the_other_model_fails_slopes_are_those_of_the_first() -> None:
-    def fails_here(v: Any, t: Array) -> Array:
-        return np.asarray(1.5 * v["k"] * t if v["k"] != 2.0 else np.full(len(t), np.nan))
-
-    assert line_with_slopes_of(fails_here) == pytest.approx(-T / 0.5)
-
-
 def test_what_was_known_counts_as_a_measurement() -> None:
     found = problem(f=(3.5, 0.25), zeta=(0.04, 0.02))
     x = found.where.start

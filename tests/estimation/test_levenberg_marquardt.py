@@ -312,22 +312,6 @@ def test_a_region_where_the_model_fails_is_kept_out_of() -> None:
     assert values(found)["k"] == pytest.approx(1.0, abs=CLOSE * math.sqrt(found.covariance[0, 0]))
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_slopes_of_a_model_nearby_lead_to_the_same_minimum(seed: int) -> None:
-    """They are off by some percent of themselves; so is the step from the minimum, of what noise moves it by."""
-    rng = np.random.default_rng(seed)
-    model, truth = bumpy(rng)
-    truth["b"] = min(truth["b"], 1.0)  # where nothing but noise is left
-    data = bumps(truth, T) + 0.02 * rng.standard_normal(len(T))
-    exact, near = problem(model, data, 0.02), problem(model, data, 0.02)
-    near.jacobian_model = lambda of: Toy(
-        lambda v, t: 1.01 * bumps({**v, "s": 1.02 * v["s"]}, t), tuple(of.parameters())
-    )
-    first, second = solved(exact), solved(near)
-    assert abs(second.cost - first.cost) < SMALL_REDUCTION
-    assert np.all(np.abs(second.x - first.x) <= 0.1 * np.sqrt(np.diag(first.covariance)))
-
-
 def test_slopes_from_a_fit_nearby_save_predictions_and_change_nothing() -> None:
     """Also where they are wrong by half: the fit then looks anew."""
     rng = np.random.default_rng(3)

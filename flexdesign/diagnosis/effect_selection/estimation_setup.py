@@ -34,12 +34,12 @@ from flexdesign.estimation.noise.whitening import Whitening
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
-#: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
-PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
-#: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
-#: longer than this [s]. The fastest relaxations of the catalogue are at 1 kHz: with steps of more than 2.785 of their
-#: time constants, 0.443 ms, a Runge-Kutta method of order 4 is unstable.
-MOST_STEPS, MOST_STEPS_OF_JACOBIAN, STEPS_OF_SCREENING, LONGEST_STEP = 16, 6, 4, 4.4e-4
+#: Largest error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
+#: The rms error is about a tenth of the largest: chi^2 of ten thousand samples is then off by one.
+PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4
+#: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
+#: for [s].
+MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
 #: The same for the final values: many samples determine them far better than their noise.
 FINAL_PREDICTION_ERROR, MOST_FINAL_STEPS = 0.002, 64
 #: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is
@@ -120,12 +120,9 @@ def case_of(
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
     max_command = data.max_command
     stroke = stroke_of(data.axis, max_command)
-    least = math.ceil(max(data.periods) / LONGEST_STEP)
-    screening, jacobian_model, fine = (
-        max(STEPS_OF_SCREENING, least),
-        max(MOST_STEPS_OF_JACOBIAN, least),
-        max(MOST_STEPS, 2 * least),
-    )
+    slow = math.ceil(max(data.periods) / SHORTEST_STEP)
+    is_fast = slow <= 2 * STEPS_OF_SCREENING
+    screening, fine = STEPS_OF_SCREENING if is_fast else slow, max(MOST_STEPS, 2 * slow)
     exact = float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     at_last = FINAL_PREDICTION_ERROR / PREDICTION_ERROR * exact
     dynamics = AxisDynamics(
@@ -140,9 +137,6 @@ def case_of(
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * max_command) for run in data.runs),
     )
-    # What the model does not need for itself need not be spent on additional effects.
-    needed = max((dynamics.steps_for(run) for run in data.runs), default=1)
-    screening, is_fast = max(min(screening, needed), least), least <= STEPS_OF_SCREENING
     # Small sines do not show how a loop bends.
     free = LINEAR_PARAMETERS + (HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, initial_conditions(data.axis, stroke)
@@ -163,7 +157,6 @@ def case_of(
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         finest=lambda of: correct_steps(cast(AxisDynamics, of), data.runs, at_last, each),
-        jacobian_model=lambda of: cast(AxisDynamics, of).no_finer(jacobian_model),
         each=each,
         progress=progress,
         noise_rms=data.known_noise_rms,

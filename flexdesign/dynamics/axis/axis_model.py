@@ -24,7 +24,7 @@ from flexdesign.dynamics.axis import axis_parameters, axis_response
 from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER, observable_range, with_payload, with_values
 from flexdesign.dynamics.axis.axis_run import command_of, is_at_stack, smooth_way, span, without_amplifier
 from flexdesign.dynamics.signal_chain.chain import AxisChain
-from flexdesign.dynamics.signal_chain.step_count import Steps
+from flexdesign.dynamics.signal_chain.step_count import Steps, stable_steps
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.dynamics.stage_model import fields as units_of
@@ -191,10 +191,6 @@ class AxisDynamics:
         """Return the model with steps found anew: at most this number in a sample, or exactly this number."""
         return replace(self, finest=finest, fixed=fixed, steps=Steps(), corrections={})
 
-    def no_finer(self, finest: int) -> AxisDynamics:
-        """Return the model with its steps, limited to this number in a sample."""
-        return self if min(self.finest, self.steps.most) <= finest else replace(self, finest=finest)
-
     def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:
         """Return the model with an effect added, at its start values scaled to this stroke.
 
@@ -257,14 +253,14 @@ class AxisDynamics:
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need, but not too many."""
         if self.fixed:
-            return self.finest
+            return max(self.finest, stable_steps(self.axis, run.period))
 
         def find() -> int:
             first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)
             found = first._simulate(run, None)
             return min(found.substeps * (self.margin if found.error > EXACT * self.tolerance else 1), self.finest)
 
-        return min(self.steps.of(run, find), self.finest)
+        return max(min(self.steps.of(run, find), self.finest), stable_steps(self.axis, run.period))
 
     def integration_error(self, run: Run) -> float:
         """Return by how much the prediction changes with twice as many steps, rms [response]."""

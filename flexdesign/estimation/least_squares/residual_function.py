@@ -70,8 +70,6 @@ class Problem:
         Its free parameters as coordinates; those that act on one run alone carry its name.
     each
         Maps simulations, over threads perhaps.
-    jacobian_model
-        Makes a model whose Jacobian replaces the model's own, which need not be as exact as the prediction.
     central
         Whether differences are central, at twice the price of forward ones: their error is then far below that of the
         simulator.
@@ -85,13 +83,11 @@ class Problem:
         model: Model,
         where: Coordinates,
         each: Map = map,
-        jacobian_model: Made = _itself,
         central: bool = False,
         count: _Count | None = None,
     ) -> None:
         self.dataset, self.model, self.where, self.each = dataset, model, where, each
-        self.jacobian_model, self.central = jacobian_model, central
-        self._count = count or _Count()
+        self.central, self._count = central, count or _Count()
         runs = [parameter.run for parameter in where.parameters]
         names = [record.observation.name for record in dataset.records]
         self.places = [
@@ -108,9 +104,7 @@ class Problem:
     def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
         """Return the problem with its own finite-difference steps; perhaps with another data set."""
         central = self.central if central is None else central
-        return Problem(
-            dataset or self.dataset, self.model, self.where, self.each, self.jacobian_model, central, self._count
-        )
+        return Problem(dataset or self.dataset, self.model, self.where, self.each, central, self._count)
 
     def at_solution(self, x: Array) -> Problem:
         """Return the problem with the columns that the model has at a point."""
@@ -131,7 +125,7 @@ class Problem:
             x[left],
         )
         model = self.model.replace({held.name: value(held, coordinate)})
-        return Problem(self.dataset, model, others, self.each, self.jacobian_model, self.central, self._count)
+        return Problem(self.dataset, model, others, self.each, self.central, self._count)
 
     def at(self, x: Array) -> Model:
         """Return the model at a point."""
@@ -193,22 +187,15 @@ class Problem:
         """Return the sum of squares of another model with the same numbers; infinite where it fails."""
         return self.cost(x, self._residuals(model))
 
-    def _jacobian_model_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
-        """Return what makes models for the Jacobian, and their residuals: a model's own where another one fails."""
-        own = self.at(x)
-        if (other := self.jacobian_model(own)) is own or (found := self._residuals(other)) is None:
-            return _itself, residuals
-        return self.jacobian_model, found
-
     def _perturbed_residuals(
-        self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array, make: Made
+        self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array
     ) -> dict[tuple[int, int], Array | None]:
         """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
-        models = self._perturbed_models(x, sorted({j for _, j in pairs}), forward * self.steps, make)
+        models = self._perturbed_models(x, sorted({j for _, j in pairs}), forward * self.steps)
         found = self.each(lambda pair: self._residual(models[pair[1]], self.dataset.records[pair[0]]), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    def _perturbed_models(self, x: Array, places: Sequence[int], steps: Array, make: Made) -> dict[int, Model]:
+    def _perturbed_models(self, x: Array, places: Sequence[int], steps: Array) -> dict[int, Model]:
         """Return for some coordinates the model with that one moved; those of different runs are moved together."""
         groups = dict[tuple[str, str | int], list[int]]()
         for j in places:
@@ -219,7 +206,7 @@ class Problem:
         for together in groups.values():
             to = x.copy()
             to[together] += steps[together]
-            models |= dict.fromkeys(together, make(self.at(to)))
+            models |= dict.fromkeys(together, self.at(to))
         return models
 
     def jacobian(
@@ -238,23 +225,22 @@ class Problem:
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
-        make, here = self._jacobian_model_at(x, residuals) if pairs else (_itself, residuals)
-        parts = self._perturbed_residuals(x, pairs, forward, make)
+        parts = self._perturbed_residuals(x, pairs, forward)
         if failed := {j for (_, j), part in parts.items() if part is None}:
             # On the other side the model may not fail; where it does on both, nothing is known of this slope.
             forward[list(failed)] *= -1.0
-            parts |= self._perturbed_residuals(x, [pair for pair in pairs if pair[1] in failed], forward, make)
+            parts |= self._perturbed_residuals(x, [pair for pair in pairs if pair[1] in failed], forward)
         opposite = dict[tuple[int, int], Array | None]()
         if self.central:
             back = x - forward * self.steps
             inside = (back >= self.where.lower) & (back <= self.where.upper)
             opposite = self._perturbed_residuals(
-                x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward, make
+                x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward
             )
         steps, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
         for (r, j), part in parts.items():
             other = opposite.get((r, j))
-            column = np.zeros_like(here[r]) if part is None else (part - here[r]) * forward[j]
+            column = np.zeros_like(residuals[r]) if part is None else (part - residuals[r]) * forward[j]
             if part is not None and other is not None:
                 column = (part - other) * forward[j] / 2
             steps[j] += column @ column

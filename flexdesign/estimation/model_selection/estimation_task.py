@@ -36,8 +36,6 @@ class EstimationTask:
     coarse, fine, finest
         Make a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
         are small compared with those of fitted parameters, which are far below the noise.
-    jacobian_model
-        Makes a model whose Jacobian serves in the place of a model's own, and takes less time.
     each
         Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `least_squares.parallel_map`.
     progress
@@ -73,7 +71,6 @@ class EstimationTask:
     coarse: Callable[[Model], Model] = lambda model: model
     fine: Callable[[Model], Model] = lambda model: model
     finest: Callable[[Model], Model] = lambda model: model
-    jacobian_model: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     calibrated_excess: float = 0.0
@@ -88,7 +85,7 @@ class EstimationTask:
 
     def problem(self, dataset: Dataset, model: Model, where: Coordinates) -> Problem:
         """Return the least-squares problem of a model with free parameters and a data set."""
-        return Problem(dataset, model, where, self.each, self.jacobian_model)
+        return Problem(dataset, model, where, self.each)
 
     def coordinates(self, model: Model, free: Sequence[str], dataset: Dataset) -> Coordinates:
         """Return the free parameters and those of each run as coordinates."""

@@ -109,7 +109,9 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
     def roughly(entry: Entry) -> Entry | None:
         task.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
         solution = entry.solution
-        model = grid_initial_states(solution.problem.dataset, solution.problem.at(solution.x), task.each)
+        model = solution.problem.at(solution.x)
+        if fit.exceeds_noise:  # otherwise the runs begin where they do
+            model = grid_initial_states(solution.problem.dataset, model, task.each)
         found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
