@@ -26,6 +26,7 @@ def test_key_joins_name_and_boundary() -> None:
     ("quantity", "text"),
     [
         (K_OUT, "209.1 ± 1.2 N/mm"),
+        (Quantity("k", 32584.2, "N m/rad", "N m/rad", half_width=262.0), "32580 ± 260 N m/rad"),
         (Quantity("lambda", -12.0305, "1", ""), "-12.03"),
         (Quantity("s", 3.8e-5, "m", "um"), "38.00 um"),
         (Quantity("tilt", 2e-6, "rad/m", "urad/um"), "2.000e-06 urad/um"),

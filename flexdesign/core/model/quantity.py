@@ -53,6 +53,8 @@ class Quantity:
             return f"{units.significant(value, digits)} {self.unit}".rstrip()
         half_width = self.half_width / scale
         decimals = 1 - math.floor(math.log10(float(f"{half_width:.1e}")))  # two digits of the uncertainty
+        if -5 < decimals < 0:
+            return f"{round(value, decimals):.0f} ± {round(half_width, decimals):.0f} {self.unit}".rstrip()
         if decimals < 0 or decimals > 9:
             return f"{units.significant(value, 6)} ± {units.significant(half_width, 2)} {self.unit}".rstrip()
         return f"{value:.{decimals}f} ± {half_width:.{decimals}f} {self.unit}".rstrip()
