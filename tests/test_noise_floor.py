@@ -133,6 +133,21 @@ def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
     assert not early.lines and not late.lines
 
 
+def lagging(period: float, tau: float, hold: float) -> list[Run]:
+    """Jumps to which a first-order lag [s] responds, with white noise."""
+    u, pole = levels(9, round(hold / period)), math.exp(-period / tau)
+    x = GAIN * lfilter([0.0, 1 - pole], [1.0, -pole], u)
+    return [run("a", u, x + white(np.random.default_rng(0), len(u)), period)]
+
+
+@pytest.mark.parametrize(("period", "tau", "hold"), [(1e-3, 0.3, 5.0), (0.1, 0.5, 12.0)])
+def test_settling_is_no_noise_where_no_model_says_how_long_it_takes(period: float, tau: float, hold: float) -> None:
+    """What settles moves by less than the noise from sample to sample. Four standard errors of 400 samples or more."""
+    found = noise_floor(lagging(period, tau, hold), "x", settling_time=None)
+    assert found.rms["a"] == pytest.approx(LEVEL, rel=4 / math.sqrt(2 * 400))
+    assert found.dof > 400
+
+
 @pytest.mark.parametrize("periods", [2, 3, 6])
 def test_periods_tell_noise_from_motion(periods: int) -> None:
     """Four standard errors; of two periods the second alone counts from where the extremes were passed."""

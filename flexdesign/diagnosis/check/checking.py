@@ -15,8 +15,6 @@ from flexdesign.diagnosis.check.tables import TableFacts
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split
 
-#: How long a stage rings after its command has come to rest, where no model says it [s].
-SETTLING_TIME = 0.2
 #: A response has several samples in each period of what it does; fewer bend every sine.
 FEWEST_PER_PERIOD = 8
 
@@ -139,7 +137,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     parts = split(runs, test=True) if runs else ()
     suspicions = suspicion.of_runs(parts)
     floors = {
-        axis: noise_floor([run for run in runs if axis in run.columns], axis, settling_time=SETTLING_TIME)
+        axis: noise_floor([run for run in runs if axis in run.columns], axis, settling_time=None)
         for axis in dict.fromkeys(axis for run in runs for axis in run.responses)
     }
     for axis, noise_rms in floors.items():

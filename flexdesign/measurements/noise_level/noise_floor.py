@@ -15,6 +15,7 @@ from flexdesign.estimation.noise.restricted_likelihood import HIGHEST_ORDER, Str
 from flexdesign.estimation.noise.sinusoids import Sinusoid, remove_sinusoids
 from flexdesign.estimation.noise.whitening import ColouredNoise
 from flexdesign.measurements.noise_level.sources import (
+    SHORTEST_SETTLING,
     Source,
     differences_of_periods,
     differences_of_repeats,
@@ -101,7 +102,12 @@ class _Level:
 
 
 def noise_floor(
-    runs: Sequence[Run], axis: str, *, settling_time: float, sensor_noise: float = 0.0, remove_lines: bool = True
+    runs: Sequence[Run],
+    axis: str,
+    *,
+    settling_time: float | None,
+    sensor_noise: float = 0.0,
+    remove_lines: bool = True,
 ) -> NoiseFloor:
     """Return the noise of one response, from the best source there is.
 
@@ -112,7 +118,8 @@ def noise_floor(
     axis
         The response.
     settling_time
-        How long the stage rings after its command has come to rest [s].
+        How long the stage rings after its command has come to rest [s]; None where no model says it: then it is
+        sought in the readings.
     sensor_noise
         Standard deviation that the sensor is stated to have [response]; used where the runs show none. If it is zero,
         what the runs say of their sensors counts.
@@ -132,10 +139,11 @@ def noise_floor(
             raise InputError(run.name, axis, None, remedy)
     smallest = _smallest(runs, axis)
     stated = sensor_noise or max((run.sensors[axis].noise or 0.0 for run in runs if axis in run.sensors), default=0.0)
+    settling = SHORTEST_SETTLING if settling_time is None else settling_time
     sources = [
         stationary_stretches(runs, axis, settling_time),
-        differences_of_periods(runs, axis, settling_time),
-        differences_of_repeats(runs, axis, settling_time),
+        differences_of_periods(runs, axis, settling),
+        differences_of_repeats(runs, axis, settling),
     ]
     levels = [_level(source, runs, smallest, remove_lines) for source in sources if source.stretches]
     if not levels:

@@ -55,6 +55,8 @@ SAME, MOVES = 1e-4, 0.02
 SIGNIFICANCE = 1e-4
 #: The same of all stretches together, where a mistake costs but a few samples.
 JOINT_SIGNIFICANCE = 0.05
+#: Where no model says how long a stage takes to settle, it is sought from here on [s].
+SHORTEST_SETTLING = 0.2
 #: By how much the time to settle is lengthened at a time, and which part of the samples must be left.
 LONGER, KEPT = 1.25, 0.3
 #: Most samples that count as one in differences of noise.
@@ -89,7 +91,7 @@ class Source:
         return 1 / max(math.sqrt(float(np.mean(squares))), 0.1)
 
 
-def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
+def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float | None) -> Source:
     """Return where all commands stand still and nothing rings.
 
     Parameters
@@ -100,15 +102,15 @@ def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float) -
         The response.
     settling_time
         How long the stage rings after a command has come to rest [s]; more where the stretches, taken together, still
-        decay. A record that begins at rest is taken from its first sample, unless it rings.
+        decay. A record that begins at rest is taken from its first sample, unless it rings. None if it is unknown.
     """
+    settling_time = SHORTEST_SETTLING if settling_time is None else settling_time
     found = _stationary(runs, axis, settling_time)
-    fewest = KEPT * sum(len(s.values) for s in found)
-    while (later := [s.values for s in found if s.first]) and _decay(later, JOINT_SIGNIFICANCE):
+    fewest, longest = KEPT * sum(len(s.values) for s in found), max(len(run.time) * run.period for run in runs)
+    while settling_time < longest and _are_settling([s.values for s in found if s.first]):
         settling_time *= LONGER
         fewer = _stationary(runs, axis, settling_time)
-        left = sum(len(s.values) for s in fewer)
-        if left < fewest or left == sum(len(s.values) for s in found):
+        if sum(len(s.values) for s in fewer) < fewest:
             break
         found = fewer
     return Source(_describe("quiet stretches", runs, found), tuple(found))
@@ -264,6 +266,18 @@ def _decay(records: Sequence[Array], probability: float) -> bool:
     early, late, counted = np.array([_is_moving(values) for values in records]).T
     dof = counted.sum()
     return bool(counted @ early > ratio_of_variances.isf(probability, dof, dof) * (counted @ late))
+
+
+def _are_settling(records: Sequence[Array]) -> bool:
+    """Tell whether records, taken together, still decay.
+
+    A decay that is much slower than the samples shows in means of blocks: half the mean square of the differences of
+    neighbours is the Allan variance (Allan 1966).
+    """
+    if not records:
+        return False
+    blocks = [values[: len(values) // FEWEST * FEWEST].reshape(FEWEST, -1).mean(axis=1) for values in records]
+    return _decay(records, JOINT_SIGNIFICANCE) or _decay(blocks, JOINT_SIGNIFICANCE)
 
 
 def _is_moving(values: Array) -> tuple[float, float, float]:
