@@ -27,6 +27,7 @@ from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, discriminating_experiments, initialised_comparison
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.residual_comparison import compare_model
+from flexdesign.diagnosis.result import CandidateRecord
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -172,6 +173,23 @@ def test_effects_beside_a_remainder_are_said_with_it() -> None:
     result = diagnosis_result.result(found, ())["remainder"]
     assert (result["rms"]["value"], result["over_noise"]) == pytest.approx((4e-7, 10.0))
     assert to_json(diagnosis_result.result(unsaid, ()))["remainder"]["over_noise"] is None
+
+
+def test_an_unknown_verdict_says_what_was_refused_and_why() -> None:
+    """What explains most first; nothing of what explains little, is chance, or was tried with other effects."""
+    tried = [
+        (("creep",), (), 0.5, 9.0),
+        (("sensor_drift",), (), 0.7, 0.9),
+        (("second_mode",), (), 0.87, 123.0),
+        (("coulomb_friction",), (), 0.75, 9.0),
+        (("bouc_wen",), ("creep",), 0.99, 9.0),
+    ]
+    records = tuple(CandidateRecord(names, present, 1e-7, *more, "is at an end") for names, present, *more in tried)
+    found = replace(diagnosed(), verdict="unknown", effects=(), candidates=records)
+    (said,) = [text for text in diagnosis_text.summary(found, ()) if "refused" in text]
+    first, second = said.index("second mode, 87 %"), said.index("Coulomb friction, 75 %")
+    assert first < second and "(is at an end)" in said
+    assert not any(name in said for name in ("creep", "drift", "Bouc-Wen"))
 
 
 def test_numbers_that_the_runs_do_not_show_are_said() -> None:

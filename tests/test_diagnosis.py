@@ -518,6 +518,17 @@ def test_other_moves_name_nothing(moved: dict[str, float], is_said: bool) -> Non
     assert bool(found.conflicts) is is_said
 
 
+def test_numbers_of_the_model_at_an_end_are_said() -> None:
+    about = data()
+    name = "damping_ratio"
+    (ends,) = (
+        p.plausible for p in case_of(StageModel({"x": about.axis}), about, map, str)[0].parameters() if p.name == name
+    )
+    for value, is_said in ((ends[1], True), (0.5 * ends[1], False)):
+        one = fit(about, moved={name: value})
+        assert ("damping ratio of the model ended at the limit" in judged(about, one, one).confidence) is is_said
+
+
 @pytest.mark.parametrize("ratio", [2.32, 0.4])
 def test_a_gain_that_no_calibration_explains_is_a_structural_error(ratio: float) -> None:
     about = data()

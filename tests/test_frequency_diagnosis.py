@@ -23,6 +23,7 @@ from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis.comparison import compare
 from flexdesign.diagnosis.discriminating_experiments import proposals
 from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
+from flexdesign.measurements.noise_level.lines import LineNoise, noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import (
     addition_report,
@@ -307,3 +308,15 @@ def test_a_diagnosis_of_responses_says_what_would_tell_a_group_apart_or_why_not(
     document = diagnosis_report.document(found, [telling])
     assert "the validation lines of sweep" in document.summary[0]
     assert "nm/V" in document.summary[0]
+
+
+def test_errors_of_lines_are_weighted_means() -> None:
+    """An error of the same size at every line is that size, however unequal the noise of the lines."""
+    rng = np.random.default_rng(5)
+    frequencies = np.geomspace(1.0, 400.0, 40)
+    response = FrequencyResponse("f", frequencies, 1e-6 * np.exp(1j * frequencies), role="validate")
+    sigma = 1e-9 * np.exp(2.0 * rng.standard_normal(40))
+    floor = noise_of_lines([response], {"f": LineNoise(sigma, known=True, dof=40.0)})
+    scale = floor.rms["f"] / sigma
+    assert np.sqrt(np.mean((scale * 3e-8) ** 2)) == pytest.approx(3e-8)
+    assert sigma.min() < floor.rms["f"] < sigma.max()

@@ -66,6 +66,8 @@ class CandidateRecord:
         The effects that were in the model then.
     error
         Root mean square error on the validation runs [response].
+    share
+        Of what was unexplained on the validation runs before (in squares, above the noise): how much it explains.
     evidence
         Fall of the cost, whitened, in multiples of what chance gives.
     outcome
@@ -75,6 +77,7 @@ class CandidateRecord:
     names: tuple[str, ...]
     present: tuple[str, ...]
     error: float
+    share: float
     evidence: float
     outcome: str
 

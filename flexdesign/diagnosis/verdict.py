@@ -144,7 +144,7 @@ def reach_verdict(
         undetermined=history.undetermined,
         residuals_by_run={"calibrated": calibration.residuals_by_run, "found": final.residuals_by_run},
         runs=data.runs,
-        confidence=_confidence(data, history, nominal, calibration),
+        confidence=_confidence(data, history, nominal, calibration, final),
         evaluations=0,
         seconds=0.0,
         responses=data.responses,
@@ -159,8 +159,14 @@ def _possible(data: DiagnosisData, history: SelectionHistory, final: FittedModel
     return {name: _share(data, every, name, data.selecting, data.known_noise_rms) for name in names}
 
 
-def _confidence(data: DiagnosisData, history: SelectionHistory, nominal: FittedModel, calibration: FittedModel) -> str:
-    """Return what weakens the verdict, in words; both fits with the residuals of test runs."""
+def _confidence(
+    data: DiagnosisData,
+    history: SelectionHistory,
+    nominal: FittedModel,
+    calibration: FittedModel,
+    final: FittedModel,
+) -> str:
+    """Return what weakens the verdict, in words; the fits with the residuals of test runs."""
     remarks = reversal.doubts(data.runs, history.nominal.residuals_by_run)
     if not data.noise.known:
         remarks.append(
@@ -182,7 +188,20 @@ def _confidence(data: DiagnosisData, history: SelectionHistory, nominal: FittedM
             "calibration makes the test runs worse, which had no part in the fit: the structure of the model may be "
             "wrong for them"
         )
+    if (ends := _own_ends(final)) and (final.effects or not history.is_refused):
+        names = " and ".join(name.replace("_", " ").replace(".", ": ") for name in ends)
+        remarks.append(
+            f"{names} of the model ended at the limit of what is plausible: its structure may be wrong for "
+            "these runs, or they do not show it"
+        )
     return "; ".join(remarks)
+
+
+def _own_ends(fit: FittedModel) -> list[str]:
+    """Return the model's own numbers that the fit moved to an end of their plausible range."""
+    where, own = fit.solution.problem.where, own_numbers(fit)
+    ends = np.isclose(fit.solution.x, where.lower, rtol=1e-6) | np.isclose(fit.solution.x, where.upper, rtol=1e-6)
+    return [name for name, is_end in zip(where.names, ends, strict=True) if is_end and name in own]
 
 
 def accepted_fits(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:
@@ -252,7 +271,7 @@ def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
                 else trial.reason or _not_chosen(step, trial)
             )
             evidence = trial.gain / trial.critical_gain if trial.critical_gain else 0.0
-            found.append(CandidateRecord(trial.names, present, trial.error, evidence, outcome))
+            found.append(CandidateRecord(trial.names, present, trial.error, trial.share, evidence, outcome))
     return tuple(found)
 
 

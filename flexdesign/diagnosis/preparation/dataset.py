@@ -166,7 +166,7 @@ class DiagnosisData:
 
     @property
     def scales(self) -> dict[str, Array]:
-        """What the values of frequency responses are multiplied with, so that each line counts by its noise."""
+        """Roots of the weights of frequency responses, whose mean square is one: each line counts by its noise."""
         return {e.name: self.noise.rms[e.name] / self.lines[e.name].of_values for e in self.responses}
 
     def error(self, fit: FittedModel) -> float:

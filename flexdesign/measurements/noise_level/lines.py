@@ -124,12 +124,12 @@ def _line_scatter(response: FrequencyResponse) -> Array:
 
 
 def noise_of_lines(responses: Sequence[FrequencyResponse], lines: Mapping[str, LineNoise]) -> NoiseFloor:
-    """Return the noise of frequency responses as that of runs is said, rms over the lines [response/V]."""
+    """Return the noise of frequency responses as that of runs is said, each line weighted [response/V]."""
     known = all(lines[each.name].known for each in responses)
     records = {each.name.rpartition(":")[0] or each.name: lines[each.name].dof for each in responses}
     source = "coherence and averages" if known else "unknown"
     return NoiseFloor(
-        ColouredNoise({}), rms(responses, lines), source, known, (), sum(records.values()) if known else 0.0
+        ColouredNoise({}), weighted_rms(responses, lines), source, known, (), sum(records.values()) if known else 0.0
     )
 
 
@@ -138,9 +138,9 @@ def with_lines(noise: NoiseFloor, responses: Sequence[FrequencyResponse], lines:
     if not responses:
         return noise
     known = noise.known and all(lines[each.name].known for each in responses)
-    return replace(noise, rms={**noise.rms, **rms(responses, lines)}, known=known)
+    return replace(noise, rms={**noise.rms, **weighted_rms(responses, lines)}, known=known)
 
 
-def rms(responses: Sequence[FrequencyResponse], noise: Mapping[str, LineNoise]) -> dict[str, float]:
-    """Return the root mean square of the noise over the lines that are looked at, by name [response/V]."""
-    return {each.name: float(np.sqrt(np.mean(noise[each.name].sigma[each.present] ** 2))) for each in responses}
+def weighted_rms(responses: Sequence[FrequencyResponse], noise: Mapping[str, LineNoise]) -> dict[str, float]:
+    """Return the rms noise of the lines that are looked at, each weighted by 1 / sigma^2, by name [response/V]."""
+    return {each.name: float(np.mean(noise[each.name].sigma[each.present] ** -2.0) ** -0.5) for each in responses}

@@ -14,12 +14,15 @@ from flexdesign.diagnosis.experiment_design import Resolved
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
+from flexdesign.estimation.criterion import large_share
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import response_pages
 
 #: Half-width of a 95 % interval, in standard deviations.
 HALF_WIDTH = 1.96
+#: Effects that are mentioned although they are refused.
+MOST_REFUSED = 3
 #: Effects that are called after people.
 PROPER = {
     "abbe_error": "Abbe error",
@@ -84,6 +87,20 @@ def possible(diagnosis: Diagnosis) -> str:
         "functions nor a linear system explain more in its place. "
         f"To fit {each} all the same: {lines}."
     )
+
+
+def refused(diagnosis: Diagnosis) -> str:
+    """Return which effects explain much in the calibrated model but were refused, and why; empty if none does."""
+    first = [tried for tried in diagnosis.candidates if not tried.present and tried.evidence > 1]
+    near = sorted((t for t in first if t.share >= large_share()), key=lambda tried: -tried.share)[:MOST_REFUSED]
+    if not near:
+        return ""
+    each = "; ".join(
+        f"{words.join_names([effect_name(name) for name in tried.names])}, {words.percent(tried.share)} of what "
+        f"calibration leaves on the validation runs ({tried.outcome.replace('_', ' ')})"
+        for tried in near
+    )
+    return f"These would explain much, but are refused: {each}. To fit one all the same: flexdesign add."
 
 
 def undetermined(diagnosis: Diagnosis) -> str:
@@ -169,6 +186,8 @@ def summary(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     sentences += [apart(group, proposals) for group in diagnosis.confusable]
     if diagnosis.possible_effects:
         sentences.append(possible(diagnosis))
+    if diagnosis.verdict == "unknown" and not diagnosis.possible_effects and (near := refused(diagnosis)):
+        sentences.append(near)
     if diagnosis.verdict == "unknown" or diagnosis.remainder_rms:
         left, mode = compare_model(diagnosis, "found"), diagnosis.before.axes[diagnosis.axis].natural_frequency
         looks = words.sentences(left) if diagnosis.runs else []
