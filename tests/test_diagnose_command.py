@@ -443,11 +443,13 @@ def test_add_takes_an_effect_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_sizes_are_stated_in_a_unit_or_in_percent_of_the_stroke() -> None:
-    """The stroke is what gain and amplifier make of the largest command of all runs."""
-    axis = stage().axes["x"]
-    stroke = abs(axis.gain * axis.driver.gain) * max(float(np.abs(run.command()).max()) for run in recordings())
+    """The stroke is the largest peak-to-peak reading of a run, whatever the gain of the model, as for `compare`."""
+    stroke = max(float(np.ptp(run.columns["x"])) for run in recordings())
     for text, value in (("0.1 %", 1e-3 * stroke), ("5%", 0.05 * stroke), ("0.2 um", 2e-7), (None, None)):
         assert add_effect.size(stage(), recordings(), None, "--tolerance", text) == pytest.approx(value)
+    wrong = stage_model.read(str(DEMO / "model.toml"), ["axis.x.gain=0.3 um/V"])
+    assert prepare(wrong, recordings(), None, None).stroke == pytest.approx(stroke)
+    assert initialised_comparison.compare(wrong, recordings()).runs[0].stroke == pytest.approx(stroke)
 
 
 @pytest.mark.parametrize("verb", ["diagnose", "compare", "add"])

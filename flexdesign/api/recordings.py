@@ -274,7 +274,7 @@ def diagnose(
     effects
         Files with effects of your own, tried with those of the catalogue.
     tolerance
-        What matters, rms: ``"0.2 um"``, or ``"0.1 %"`` of the stroke.
+        What matters, rms: ``"0.2 um"``, or ``"0.1 %"`` of the stroke, the largest peak-to-peak reading of a run.
     noise
         Standard deviation of the noise, ``"3 nm"``; estimated without it.
     bare

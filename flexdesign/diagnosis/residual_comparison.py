@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.comparison import Comparison, RunComparison, join_halves, where
+from flexdesign.dynamics.axis.axis_run import measured_stroke
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -81,7 +82,7 @@ def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, .
     if not found.runs:
         return ()
     left = cast("Mapping[str, Array]", found.residuals_by_run[which])
-    stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in found.runs)
+    stroke = measured_stroke(found.runs, found.axis)
     return tuple(
         RunComparison(
             name=run.name,

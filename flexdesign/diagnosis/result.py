@@ -161,7 +161,7 @@ class Diagnosis(ModelResiduals):
     remainder_rms
         Rms residual above the noise of the runs that judge; zero if the model is adequate [response].
     stroke, tolerance
-        What the gain makes of the largest command, and what matters [response].
+        Largest peak-to-peak reading of a run, and what matters [response].
     undetermined
         The model's own numbers that these runs cannot show: they keep their design values.
     """

@@ -17,7 +17,7 @@ from flexdesign.diagnosis.comparison.reversal import correlation
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
-from flexdesign.dynamics.axis.axis_run import noise_of_axis, of_axis
+from flexdesign.dynamics.axis.axis_run import measured_stroke, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements.noise_level import NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines
@@ -202,7 +202,7 @@ def compare(
     if not seen:
         return Comparison(model, name, (), noise_of_lines(measured, lines), (), (), perf_counter() - began, responses)
     noise = noise_of_axis(runs_, name, its)
-    stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
+    stroke = measured_stroke(runs_, name)
     comparisons, observed = [], []
     for run in seen:
         progress(f"predicting {run.name}")

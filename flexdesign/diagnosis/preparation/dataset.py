@@ -16,7 +16,7 @@ from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
-from flexdesign.dynamics.axis.axis_run import is_at_stack, noise_of_axis, of_axis
+from flexdesign.dynamics.axis.axis_run import is_at_stack, measured_stroke, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.autoregressive import Process
@@ -26,10 +26,10 @@ from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
 
 Array = NDArray[np.float64]
-#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
+#: An effect must move a held-out prediction by this share of the noise, or of the predicted stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: Where the noise is unknown, what a user hardly cares about: an effect must move a prediction by more, and a residual
-#: below it counts as none, in shares of the stroke.
+#: below it counts as none, in shares of the predicted stroke.
 DEFAULT_TOLERANCE = 1e-3
 #: How often rounding is drawn, to learn what chance makes of it.
 ROUNDING_DRAWS = 400
@@ -61,6 +61,9 @@ class DiagnosisData:
         What `tolerance` is where nobody said [response].
     is_asked
         Whether somebody said what matters: then a residual below the tolerance counts as none.
+    stroke
+        What percentages of the stroke refer to: the largest peak-to-peak reading of a run [response]. It does not
+        depend on the gain of the model, which may be wrong.
     """
 
     name: str
@@ -73,6 +76,7 @@ class DiagnosisData:
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
     default_limit: float = 0.0
     is_asked: bool = False
+    stroke: float = 0.0
 
     @property
     def recorded(self) -> tuple[Run | FrequencyResponse, ...]:
@@ -200,7 +204,7 @@ class DiagnosisData:
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
-    def stroke(self) -> float:
+    def predicted_stroke(self) -> float:
         """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
         return stroke_of(self.axis, self.max_command if self.runs else 1.0)
 
@@ -245,14 +249,15 @@ def prepare(
     lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
     if not seen:
         noise = noise_of_lines(responses, lines)
-        return _with_tolerance(DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines), tolerance)
+        data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines)
+        return _with_tolerance(replace(data, stroke=data.predicted_stroke), tolerance)
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
         white = ColouredNoise(Process(np.zeros(0), stated))
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
     noise = _of_blocks(noise, seen)
-    first = DiagnosisData(name, its, seen, noise, 0.0, _priors(its))
+    first = DiagnosisData(name, its, seen, noise, 0.0, _priors(its), stroke=measured_stroke(runs, name))
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
@@ -262,8 +267,8 @@ def prepare(
 
 def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
     """Return the data set with what matters; of frequency responses alone the unit is the response to one volt."""
-    least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.stroke)
-    least = least if data.noise.known else DEFAULT_TOLERANCE * data.stroke
+    least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.predicted_stroke)
+    least = least if data.noise.known else DEFAULT_TOLERANCE * data.predicted_stroke
     return replace(data, tolerance=least if asked is None else asked, default_limit=least, is_asked=asked is not None)
 
 

@@ -7,7 +7,7 @@ ahead of the stack, the amplifier's lag, slew rate and limits and the delay of t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 
@@ -62,6 +62,12 @@ class AxisRun(Run):
 def noise_of_axis(runs: Sequence[Run], name: str, axis: AxisModel) -> NoiseFloor:
     """Return the noise of the response of an axis, whose main mode rings down before a stretch is quiet."""
     return noise_floor(runs, name, settling_time=axis.settling_time, sensor_noise=axis.sensor.noise)
+
+
+def measured_stroke(runs: Iterable[Run], name: str) -> float:
+    """Return the largest peak-to-peak value of the response of an axis in one run [response]; zero without readings."""
+    readings = [run.columns[name][np.isfinite(run.columns[name])] for run in runs]
+    return max((float(np.ptp(values)) for values in readings if len(values)), default=0.0)
 
 
 def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
