@@ -33,7 +33,13 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements import recordings as runs
 from flexdesign.measurements.recordings import Run
-from flexdesign.report.diagnosis import diagnosis_charts, diagnosis_report, diagnosis_result, diagnosis_text
+from flexdesign.report.diagnosis import (
+    addition_report,
+    diagnosis_charts,
+    diagnosis_report,
+    diagnosis_result,
+    diagnosis_text,
+)
 
 DEMO = Path(__file__).parent.parent / "studies" / "hidden_effect_demo"
 ANSWER = tomllib.loads((DEMO / "answer.toml").read_text())
@@ -364,6 +370,26 @@ def test_an_effect_that_is_not_needed_is_said_to_be(tmp_path: Path) -> None:
     without_effect, (low, _) = 0.0, better.values[0].interval
     assert low == pytest.approx(without_effect, abs=1e-3)
     assert "creep" in read_back(better.model, tmp_path).axes["x"].effects
+
+
+@pytest.mark.parametrize(
+    ("reason", "said"),
+    [
+        ("no more than chance gives", "It is not needed: it explains no more than chance gives."),
+        ("moves the prediction by less than the tolerance", "It is not needed: it moves the prediction by less"),
+        (
+            "second_mode.share at the end of what is plausible",
+            "It is not determined: the fit puts second_mode.share at the end of what is plausible.",
+        ),
+        (
+            "creep.share and creep.time is not determined: its 95 % interval includes the null",
+            "It is not determined: the 95 % interval of creep.share and creep.time includes the null.",
+        ),
+    ],
+)
+def test_why_an_effect_is_not_added_is_a_sentence(reason: str, said: str) -> None:
+    text = addition_report.summary(replace(added(), reason=reason))
+    assert any(sentence.startswith(said) for sentence in text)
 
 
 def test_the_loop_is_simulated_without_and_with_the_effect() -> None:

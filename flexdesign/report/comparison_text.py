@@ -206,6 +206,24 @@ def join_names(names: Sequence[str], last: str = "and") -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
+def not_added(subject: str, reason: str) -> str:
+    """Return the sentence that says why an effect is not added, from the reason that the search gives.
+
+    >>> not_added("Creep", "no more than chance gives")
+    'Creep is not needed: it explains no more than chance gives.'
+    >>> not_added("It", "second_mode.share at the end of what is plausible")
+    'It is not determined: the fit puts second_mode.share at the end of what is plausible.'
+    >>> not_added("It", "creep.share is not determined: its 95 % interval includes the null")
+    'It is not determined: the 95 % interval of creep.share includes the null.'
+    """
+    numbers, is_open, _ = reason.partition(" is not determined: its 95 % interval includes the null")
+    if is_open:
+        return f"{subject} is not determined: the 95 % interval of {numbers} includes the null."
+    if reason.endswith("at the end of what is plausible"):
+        return f"{subject} is not determined: the fit puts {reason}."
+    return f"{subject} is not needed: it {'explains ' if reason.startswith('no more') else ''}{reason}."
+
+
 def sign(unit: str) -> str:
     """Write a unit with the Greek letter for micro."""
     return unit.replace("u", "µ", 1) if unit.startswith("u") else unit

@@ -50,7 +50,7 @@ def summary(addition: AddedEffect) -> list[str]:
         f"{name[:1].upper()}{name[1:]}: {'; '.join(prose.quantity(value, short=True) for value in addition.values)}."
     ]
     if addition.reason:
-        text.append(f"It is not needed: it {_reason(addition.reason)}. The model that is written has it all the same.")
+        text.append(f"{words.not_added('It', addition.reason)} The model that is written has it all the same.")
     else:
         text.append(f"It explains {words.percent(addition.share)} of what recalibration leaves unexplained.")
     text.append(f"What to do about it: {prose.remedy(addition, addition.name)}.")
@@ -230,8 +230,3 @@ def _caveats(addition: AddedEffect) -> list[str]:
     effect = effects.find(addition.name)
     doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in addition.values})
     return [effect.physics, *(f"Take care: {doubt}." for doubt in doubts)]
-
-
-def _reason(reason: str) -> str:
-    """Return why an effect is not needed, as the end of a sentence."""
-    return f"explains {reason}" if reason.startswith("no more") else reason.replace("_", " ")

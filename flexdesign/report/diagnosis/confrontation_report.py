@@ -30,7 +30,7 @@ def summary(found: Confronted) -> list[str]:
     times = f"{found.ratio:.3g} times the noise floor ({noise_floor})" if found.noise.known else "the noise is unknown"
     text = [f"{which} model misses {said.validated_on(said.observations(found))} by {error} rms; {times}."]
     if found.reason:
-        text.append(f"{figures.capital(said.effect_name(found.effects[-1]))} is not needed: {found.reason}.")
+        text.append(words.not_added(figures.capital(said.effect_name(found.effects[-1])), found.reason))
     return text
 
 
