@@ -443,6 +443,13 @@ def test_texts_that_are_no_tables(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["log.xlsx", "log.XLS", "log.ods"])
+def test_a_spreadsheet_is_to_be_exported(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"PK\x03\x04\x81\x8d")
+    said = refusal(lambda: importing.read_contents([tmp_path / name]))
+    assert said == f"{tmp_path / name}: is a spreadsheet; export the sheet as CSV, and import that"
+
+
 def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
