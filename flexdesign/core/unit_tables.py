@@ -313,7 +313,8 @@ def _text(path: Path) -> list[str]:
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        raise InputError(path, "", None, f"is not UTF-8 text (line {line}); save it as CSV in UTF-8") from error
+        remedy = "save it as CSV in UTF-8, or bring it in with flexdesign import"
+        raise InputError(path, "", None, f"is not UTF-8 text (line {line}); {remedy}") from error
 
 
 def _with_units(header: Sequence[str], plain: Collection[str]) -> list[str]:
