@@ -339,7 +339,12 @@ XY = {"ux": "V", "uy": "V", "x": "m", "y": "m"}
     [
         (stage(START, y=START), [quiet(XY)], {}, "--axis: the runs hold several axes of the model; write --axis x or"),
         (stage(START, y=START), [quiet(XY)], {"axis": "z"}, "--axis = z: the model has no such axis"),
-        (stage(START), [quiet({"u": "V", "y": "m"})], {}, "run: x: the run has no response of axis x; there is y"),
+        (
+            stage(START),
+            [quiet({"u": "V", "y": "m"})],
+            {},
+            "run: x: the run has no response of axis x; there is y: rename the column",
+        ),
         (stage(START), [quiet({"u": "V", "x": "V"})], {}, "run: x = in V: the model's axis x responds in m"),
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": ["gian"]}, "--free = gian: .* did you mean gain?"),
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": ["mass"]}, "write --free natural_frequency"),

@@ -93,6 +93,8 @@ def imported(folder: Path, command_line: Callable[..., Any], text: str, name: st
         ("Time [s],AO 0 output [V],ADC in [V]", ["t", "u", "x"]),
         ("Time [s],Drive [V],Sensor monitor [V],Sensor output [V],Laser [um]", ["t", "u", "v", None, "x"]),
         ("t [s],drive [V],position z [um],sensor [V],x [1]", ["u", "z", None, None]),
+        ("Tempo [s],Controle_u [V],Saida_y [um]", ["t", "u", "x"]),
+        ("t [s],drive [V],Sensor Y [um]", ["u", "y"]),
     ],
 )  # fmt: skip
 def test_further_columns(

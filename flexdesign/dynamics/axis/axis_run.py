@@ -86,7 +86,10 @@ def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
         raise InputError("model", f"axis.{name}", None, f"runs hold the axes {', '.join(AXES)}; name it one of these")
     if name not in run.responses:
         there = f"there is {', '.join(run.responses)}"
-        raise InputError(run.name, name, None, f"the run has no response of axis {name}; {there}: leave the run out")
+        remedy = (
+            f"rename the column if it is that of axis {name}, choose another axis with --axis, or leave the run out"
+        )
+        raise InputError(run.name, name, None, f"the run has no response of axis {name}; {there}: {remedy}")
     if run.si[name] != axis.response:
         remedy = f"the model's axis {name} responds in {axis.response} (the unit of its gain); correct one of the two"
         raise InputError(run.name, name, f"in {run.si[name]}", remedy)

@@ -218,7 +218,7 @@ def _choose(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], lis
     names = list(clear)
     if len(names) < 2:
         axis = next((role.axis for role in clear.values() if role.axis in AXES), "")
-        axis = "" if names and _short(names[0]).lower() == "y" else axis  # the output, with the input u
+        axis = "" if axis == "y" and roles.is_output(_short(names[0])) else axis  # the output y, with the input u
         doubt = []
         if names and best == 0 and letter == "u":
             doubt = [f"whether {_phrase(names[0])} is the command; only its unit says so"]

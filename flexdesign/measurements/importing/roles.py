@@ -29,8 +29,8 @@ position: x y z theta position pos posn displacement displ disp weg auslenkung v
     posizione spostamento posicion desplazamiento posicao deslocamento distance abstand distanz stroke extension
     elongation dehnung deflection deflexion travel motion stage tisch tip angle winkel tilt kippwinkel 位移 位置 変位
     положение перемещение
-sensor: sensor output out response antwort ausgang sortie uscita salida reponse measured messwert gemessen mesure ist
-    istwert istposition actual feedback reading interferometer laser lvdt encoder geber capacitive kapazitiv adc ai
+sensor: sensor output out response antwort ausgang sortie uscita salida saida reponse measured messwert gemessen mesure
+    ist istwert istposition actual feedback reading interferometer laser lvdt encoder geber capacitive kapazitiv adc ai
     gauge probe capteur sensore
 current: i current strom courant corriente corrente amps
 force: force kraft kracht effort fuerza forza load
@@ -52,6 +52,8 @@ def _read_vocabulary(vocabulary: str) -> dict[str, tuple[str, ...]]:
 
 
 VOCABULARY = _read_vocabulary(_VOCABULARY)
+#: Words for the output of a system, which many call y.
+OUTPUTS = ("output", "out", "ausgang", "sortie", "uscita", "salida", "saida")
 #: Shorter words are no part of longer ones.
 SHORTEST = 4
 #: SI units of motion.
@@ -112,6 +114,15 @@ def axis_of(name: str) -> str:
         if match := _AXIS.fullmatch(word):
             return match[1]
     return next((word for word in reversed(remark) if word.isdigit() and len(word) == 1), "")
+
+
+def is_output(name: str) -> bool:
+    """Tell whether a name is that of the output y of a system, and says no more.
+
+    >>> is_output("y"), is_output("Saida_y"), is_output("Sensor Y")
+    (True, True, False)
+    """
+    return set(split_name(name)) <= {"y", *OUTPUTS}
 
 
 def role_of(name: str, si: str) -> Role:
