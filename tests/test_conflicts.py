@@ -152,21 +152,28 @@ def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float
     assert all(value == pytest.approx(late, abs=0.1) for value in values.values())
 
 
+@pytest.mark.parametrize("between", ["hold", "linear"])
 @pytest.mark.parametrize(("late", "said"), [(1.0, "late"), (-1.0, "early"), (0.0, "")])
-def test_runs_that_all_began_late_have_a_delay_and_early_ones_shifted_columns(late: float, said: str) -> None:
+def test_runs_that_all_began_late_have_a_delay_and_early_ones_shifted_columns(
+    late: float, said: str, between: str
+) -> None:
+    """A command that was not held acts earlier than one that was: then what is stated may be wrong as well."""
     own = [parameter(f"{n}:{TRIGGER}", 0.0, -9.0, 9.0, run=n) for n in EVERY]
     model = Staged().plus(lambda v, run: v["p"] * column(run, "p") + v["q"] * column(run, "q"), *base("p", "q").every)
     model = model.plus(lambda v, run: v[DELAY] + 0.0 * column(run, "p"), parameter(DELAY, 0.0, 0.0, 9.0))
     model = model.plus(lambda v, run: v[f"{run.name}:{TRIGGER}"] * column(run, "late"), *own)
     truth = {"p": TRUE, "q": -1.0, **{p.name: late for p in own}}
     fit = final(case_of(model, truth, 0.0, {p.name: (0.0, 0.1) for p in own}), model)
-    found = _delay_shift(SimpleNamespace(is_at_stack=False), fit)  # type: ignore[arg-type]
+    runs = [SimpleNamespace(between_samples=between, between_is_stated=True)]
+    found = _delay_shift(SimpleNamespace(is_at_stack=False, runs=runs), fit)  # type: ignore[arg-type]
     assert (found is None) is (late == 0)
     if found is not None:
         assert float(found.words.split(" ms")[0].removeprefix(f"all runs began {said}, by ")) == pytest.approx(
             1e3, rel=0.05
         )
         assert found.group == (("transport_delay",) if late > 0 else ())
+        assert ("shifted against each other" in found.words) is (late < 0)
+        assert ("as `between_samples` says" in found.words) is (late < 0 and between == "hold")
 
 
 FRICTION = {"level": 1e-6, "presliding": 1e-6}
