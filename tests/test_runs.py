@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
+from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.measurements.recordings import Run, read_measurements, read_run, read_runs, write_run
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -138,6 +140,14 @@ def test_time_may_be_rounded_and_a_drift_is_resampled(tmp_path: Path) -> None:
     rows = [f"{t:.12g},0,0" for t in drifting]
     (remark,) = read_run(written(tmp_path, rows=rows)).remarks
     assert remark.startswith("rows are 0.001 s to 0.001 s apart") and remark.endswith("resampled to 0.00100025 s")
+
+
+def test_what_a_remark_says_about_the_command_can_be_written(tmp_path: Path) -> None:
+    """The words of the remark, as they stand, in `measurements.toml`."""
+    (line,) = re.findall(r'between_samples = "\w+"', INTERPOLATION_TEXTS["hold"])
+    (tmp_path / "measurements.toml").write_text(line)
+    run = read_run(written(tmp_path))
+    assert (run.between_samples, run.between_is_stated) == ("hold", True)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ INTERPOLATION_TEXTS = {
     "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
     "hold": (
         "nobody says what the command does between its samples: that it is held fits better than straight lines, which "
-        "would need a delay of half a sample; state `between_samples` in measurements.toml"
+        'would need a delay of half a sample; if it is held, write between_samples = "hold" in measurements.toml'
     ),
 }
 
