@@ -280,8 +280,7 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
     if body.thin is not None and body.extrusion is not None and asked.method != "wild":
         given = asked.at_root or methods.EXTRUDED_GRADING[0], asked.growth or methods.EXTRUDED_GRADING[1]
         layers = LocalExtrusion(body, *given, asked.largest, asked.envelope)
-        coarser = [asked.refinement**power for power in range(asked.levels - 1, 0, -1)]
-        if body.crossings is None or all(map(layers.follow_crossings, coarser)):
+        if body.crossings is None or layers.follow_crossings(asked.refinement ** (asked.levels - 1)):
             return layers
     if body.thin is not None:
         at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
