@@ -97,10 +97,13 @@ def refused(diagnosis: Diagnosis) -> str:
         return ""
     each = "; ".join(
         f"{words.join_names([effect_name(name) for name in tried.names])}, {words.percent(tried.share)} of what "
-        f"calibration leaves on the validation runs ({tried.outcome.replace('_', ' ')})"
+        f"calibration leaves on the validation runs ({tried.outcome.replace('_', ' ').replace('.', ': ')})"
         for tried in near
     )
-    return f"These would explain much, but are refused: {each}. To fit one all the same: flexdesign add."
+    return (
+        f"These would explain much, but are refused: {each}. To fit one all the same: flexdesign add MODEL "
+        f"{near[0].names[0]} RUNS."
+    )
 
 
 def undetermined(diagnosis: Diagnosis) -> str:
