@@ -15,10 +15,10 @@ from flexdesign.diagnosis.calibration import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
-from flexdesign.estimation.model_selection import fitted_model, joint_selection, stepwise_selection
+from flexdesign.estimation.model_selection import confounding, fitted_model, joint_selection, stepwise_selection
 from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable, replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model, with_effects
 from flexdesign.estimation.model_selection.model_comparison import Step, bic_lead, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
@@ -45,6 +45,7 @@ from tests.estimation.sums import (
     effects,
     fit_with,
     least,
+    linear,
     offset,
     recorded,
     stage,
@@ -481,6 +482,27 @@ def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_adde
     steps, fits = select(about, calibrated_stand(about), every, 2)
     assert [fit.names for fit in fits] == [better.names]
     assert fits[-1].cost == pytest.approx(better.cost, rel=1e-6)
+
+
+def test_a_number_of_the_model_that_is_an_effect_goes_where_another_takes_its_place() -> None:
+    """A bandwidth is a number of the model whether it acts or not; what replaces it must do without it."""
+
+    def with_number(_: Any = None) -> Any:
+        return stage().plus(linear("b"), strength("b"))
+
+    number = Candidate("b", lambda model: model, "b", ("b",), ({"b": 0.1},), signed=True)
+    other = candidate("e", {"b": 0.5, "e": 1.0}, signed=True)
+    about = dataclasses.replace(task({"b": 0.3}), bare=with_number)
+    before, fit, alone = (
+        fit_model(about, with_effects(with_number(), added), tuple(added)) for added in ([], [number], [other])
+    )
+    assert before is not None and fit is not None and alone is not None
+    trials = [compare(about, before, made, made.names, 20.0) for made in (fit, alone)]
+    assert not any(trial.reason for trial in trials)
+    steps, kept = replace_effects(about, fit, [Step(trials[0], tuple(trials))])
+    assert kept is fit and confusable(about, fit, steps) == ()
+    made = confounding._in_place(about, fit, "b", other, trials[1])
+    assert made is not None and made.cost == pytest.approx(alone.cost, rel=1e-4) and made.cost > fit.cost + 100
 
 
 def test_what_is_right_is_not_replaced() -> None:

@@ -93,7 +93,10 @@ def _in_place(
     """Return the fit with another effect in the place of one, from the values that it had in a trial."""
     effects = tuple(other if effect.name == name else effect for effect in fit.effects)
     task.progress(f"fitting with {other.name} in the place of {name}")
-    model = with_values(with_values(with_effects(task.bare(fit.model), effects), trial.fit.model), fit.model)
+    # Of an effect that is a number of the model itself, such as a bandwidth, the value must go with it.
+    dropped = {number for effect in fit.effects if effect.name == name for number in effect.free}
+    model = with_values(with_effects(task.bare(fit.model), effects), trial.fit.model, dropped)
+    model = with_values(model, fit.model, dropped)
     return fit_model(task, task.coarse(model), effects, effort=ROUGH) if roughly else fit_model(task, model, effects)
 
 
