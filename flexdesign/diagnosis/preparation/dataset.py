@@ -26,10 +26,10 @@ from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
 
 Array = NDArray[np.float64]
-#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
+#: An effect must move a held-out prediction by this share of the noise, or of the predicted stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: Where the noise is unknown, what a user hardly cares about: an effect must move a prediction by more, and a residual
-#: below it counts as none, in shares of the stroke.
+#: below it counts as none, in shares of the predicted stroke.
 DEFAULT_TOLERANCE = 1e-3
 #: How often rounding is drawn, to learn what chance makes of it.
 ROUNDING_DRAWS = 400
@@ -62,8 +62,8 @@ class DiagnosisData:
     is_asked
         Whether somebody said what matters: then a residual below the tolerance counts as none.
     stroke
-        The largest peak-to-peak reading of a run, whatever the gain of the model; where there are frequency responses
-        alone, the response to one volt [response].
+        What percentages of the stroke refer to: the largest peak-to-peak reading of a run [response]. It does not
+        depend on the gain of the model, which may be wrong.
     """
 
     name: str
@@ -204,6 +204,11 @@ class DiagnosisData:
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
+    def predicted_stroke(self) -> float:
+        """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
+        return stroke_of(self.axis, self.max_command if self.runs else 1.0)
+
+    @property
     def noise_rms(self) -> float:
         """Rms noise of what errors are stated of [response]."""
         return self._rms_noise(self.scored)
@@ -245,7 +250,7 @@ def prepare(
     if not seen:
         noise = noise_of_lines(responses, lines)
         data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines)
-        return _with_tolerance(replace(data, stroke=stroke_of(its, 1.0)), tolerance)
+        return _with_tolerance(replace(data, stroke=data.predicted_stroke), tolerance)
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
@@ -262,8 +267,8 @@ def prepare(
 
 def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
     """Return the data set with what matters; of frequency responses alone the unit is the response to one volt."""
-    least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.stroke)
-    least = least if data.noise.known else DEFAULT_TOLERANCE * data.stroke
+    least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.predicted_stroke)
+    least = least if data.noise.known else DEFAULT_TOLERANCE * data.predicted_stroke
     return replace(data, tolerance=least if asked is None else asked, default_limit=least, is_asked=asked is not None)
 
 
