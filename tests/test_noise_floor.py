@@ -143,7 +143,7 @@ def lagging(period: float, tau: float, hold: float) -> list[Run]:
 @pytest.mark.parametrize(("period", "tau", "hold"), [(1e-3, 0.3, 5.0), (0.1, 0.5, 12.0)])
 def test_settling_is_no_noise_where_no_model_says_how_long_it_takes(period: float, tau: float, hold: float) -> None:
     """What settles moves by less than the noise from sample to sample. Four standard errors of 400 samples or more."""
-    found = noise_floor(lagging(period, tau, hold), "x", settling_time=None)
+    found = noise_floor(lagging(period, tau, hold), "x")
     assert found.rms["a"] == pytest.approx(LEVEL, rel=4 / math.sqrt(2 * 400))
     assert found.dof > 400
 

@@ -137,7 +137,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     parts = split(runs, test=True) if runs else ()
     suspicions = suspicion.of_runs(parts)
     floors = {
-        axis: noise_floor([run for run in runs if axis in run.columns], axis, settling_time=None)
+        axis: noise_floor([run for run in runs if axis in run.columns], axis)
         for axis in dict.fromkeys(axis for run in runs for axis in run.responses)
     }
     for axis, noise_rms in floors.items():

@@ -217,9 +217,8 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
             f"all runs began early, by {-1e3 * mean:.3g} ms in the mean: the reading answers before the command, so "
             "that their columns are shifted against each other"
         )
-        if any(
-            run.between_samples == "hold" and run.between_is_stated for run in data.runs
-        ):  # what is not held acts half a sample earlier
+        # What is not held acts half a sample earlier.
+        if any(run.between_samples == "hold" and run.between_is_stated for run in data.runs):
             words += ", or the command was not held between its samples, as `between_samples` says"
         return Conflict(words, (), None, lambda model: model, TRIGGER)
     if mean <= CONFLICT * error:

@@ -252,15 +252,14 @@ class AxisDynamics:
 
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need, but not too many."""
-        if self.fixed:
-            return max(self.finest, stable_steps(self.axis, run.period))
 
         def find() -> int:
             first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)
             found = first._simulate(run, None)
             return min(found.substeps * (self.margin if found.error > EXACT * self.tolerance else 1), self.finest)
 
-        return max(min(self.steps.of(run, find), self.finest), stable_steps(self.axis, run.period))
+        needed = self.finest if self.fixed else min(self.steps.of(run, find), self.finest)
+        return max(needed, stable_steps(self.axis, run.period))
 
     def integration_error(self, run: Run) -> float:
         """Return by how much the prediction changes with twice as many steps, rms [response]."""

@@ -29,8 +29,6 @@ DIFFERENCE_STEP = 3e-4
 CENTRAL_STEP = 3 * DIFFERENCE_STEP
 #: Step of a finite difference per size of its coordinate: where it begins, and how small and large it may become.
 FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 1e-4, 1e-7, 1e-2
-#: Makes another model of one, with the same numbers.
-Made = Callable[[Model], Model]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +37,6 @@ class JacobianBlock:
 
     places: NDArray[np.intp]
     matrix: Array
-
-
-def _itself(model: Model) -> Model:
-    return model
 
 
 class _Count:

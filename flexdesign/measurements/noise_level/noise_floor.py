@@ -105,7 +105,7 @@ def noise_floor(
     runs: Sequence[Run],
     axis: str,
     *,
-    settling_time: float | None,
+    settling_time: float = SHORTEST_SETTLING,
     sensor_noise: float = 0.0,
     remove_lines: bool = True,
 ) -> NoiseFloor:
@@ -118,8 +118,8 @@ def noise_floor(
     axis
         The response.
     settling_time
-        How long the stage rings after its command has come to rest [s]; None where no model says it: then it is
-        sought in the readings.
+        How long the stage rings after its command has come to rest [s]; where no model says it, it is sought from a
+        short one on.
     sensor_noise
         Standard deviation that the sensor is stated to have [response]; used where the runs show none. If it is zero,
         what the runs say of their sensors counts.
@@ -139,11 +139,10 @@ def noise_floor(
             raise InputError(run.name, axis, None, remedy)
     smallest = _smallest(runs, axis)
     stated = sensor_noise or max((run.sensors[axis].noise or 0.0 for run in runs if axis in run.sensors), default=0.0)
-    settling = SHORTEST_SETTLING if settling_time is None else settling_time
     sources = [
         stationary_stretches(runs, axis, settling_time),
-        differences_of_periods(runs, axis, settling),
-        differences_of_repeats(runs, axis, settling),
+        differences_of_periods(runs, axis, settling_time),
+        differences_of_repeats(runs, axis, settling_time),
     ]
     levels = [_level(source, runs, smallest, remove_lines) for source in sources if source.stretches]
     if not levels:

@@ -91,7 +91,7 @@ class Source:
         return 1 / max(math.sqrt(float(np.mean(squares))), 0.1)
 
 
-def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float | None) -> Source:
+def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
     """Return where all commands stand still and nothing rings.
 
     Parameters
@@ -102,9 +102,8 @@ def stationary_stretches(runs: Sequence[Run], axis: str, settling_time: float | 
         The response.
     settling_time
         How long the stage rings after a command has come to rest [s]; more where the stretches, taken together, still
-        decay. A record that begins at rest is taken from its first sample, unless it rings. None if it is unknown.
+        decay. A record that begins at rest is taken from its first sample, unless it rings.
     """
-    settling_time = SHORTEST_SETTLING if settling_time is None else settling_time
     found = _stationary(runs, axis, settling_time)
     fewest, longest = KEPT * sum(len(s.values) for s in found), max(len(run.time) * run.period for run in runs)
     while settling_time < longest and _are_settling([s.values for s in found if s.first]):
