@@ -152,10 +152,11 @@ def test_a_lightly_damped_mode_that_rings_all_the_time_hides_nothing_and_is_noth
     found = diagnose(StageModel({"x": steady_axis(0.01)}), runs, threads=1)
     assert (found.verdict, found.remainder) == ("effects-found" if delay else "nothing-missing", "")
     assert found.validation_error == pytest.approx(2e-8, rel=0.1)
-    if delay:  # a lag that is short against all periods cannot be told from it
+    if delay:  # the best lag, with the best trigger, leaves chi^2 72 % above the noise: the mode rings too well
         (named,) = found.effects
-        group = next(group for group in found.confusable if named.name in group)
-        assert "transport_delay" in group
+        assert (named.name, found.confusable) == ("transport_delay", ())
+        low, high = named.values[0].interval
+        assert low < delay < high
     calibrated = {value.parameter.name: value.value for value in found.calibration}
     assert calibrated["natural_frequency"] == pytest.approx(120.0, rel=1e-4)
     assert calibrated["damping_ratio"] == pytest.approx(0.004, rel=0.02)
