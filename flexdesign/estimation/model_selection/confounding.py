@@ -8,12 +8,7 @@ from dataclasses import replace
 from flexdesign.estimation.criterion import cannot_tell_apart
 from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import (
-    FittedModel,
-    fit_model,
-    with_effects,
-    with_values,
-)
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_other_effects
 from flexdesign.estimation.model_selection.model_comparison import (
     Step,
     Trial,
@@ -93,10 +88,7 @@ def _in_place(
     """Return the fit with another effect in the place of one, from the values that it had in a trial."""
     effects = tuple(other if effect.name == name else effect for effect in fit.effects)
     task.progress(f"fitting with {other.name} in the place of {name}")
-    # Of an effect that is a number of the model itself, such as a bandwidth, the value must go with it.
-    dropped = {number for effect in fit.effects if effect.name == name for number in effect.free}
-    model = with_values(with_effects(task.bare(fit.model), effects), trial.fit.model, dropped)
-    model = with_values(model, fit.model, dropped)
+    model = with_other_effects(task, fit, effects, trial.fit.model)
     return fit_model(task, task.coarse(model), effects, effort=ROUGH) if roughly else fit_model(task, model, effects)
 
 

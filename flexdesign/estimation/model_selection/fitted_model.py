@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -262,9 +262,17 @@ def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]
     Of an effect that the fit has several times the first ones stay, whichever were asked for, at the values of those.
     """
     effects, renamed = _renumber(fit, effects)
-    model = with_effects(task.bare(fit.model), effects)
+    return fit_model(task, with_other_effects(task, fit, effects, fit.model).replace(renamed), effects)
+
+
+def with_other_effects(task: EstimationTask, fit: FittedModel, effects: Sequence[Candidate], source: Model) -> Model:
+    """Return the model of a fit with other effects, at the values that it has, and otherwise at those of `source`.
+
+    A bandwidth, a delay or a limit is a number of the model itself: that of an effect that is dropped goes with it.
+    """
     dropped = {name for effect in fit.effects if effect not in effects for name in effect.free}
-    return fit_model(task, with_values(model, fit.model, dropped).replace(renamed), effects)
+    model = with_values(with_effects(task.bare(fit.model), effects), source, dropped)
+    return with_values(model, fit.model, dropped)
 
 
 def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[Candidate, ...], dict[str, float]]:
@@ -305,7 +313,7 @@ def with_effects(model: Model, effects: Sequence[Candidate]) -> Model:
     return model
 
 
-def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = frozenset()) -> Model:
+def with_values(model: Model, source: Model, but: Collection[str] = ()) -> Model:
     """Return a model at the values of another one that has its numbers, but for some."""
     values = {parameter.name: parameter.start for parameter in source.parameters() if parameter.name not in but}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
