@@ -75,8 +75,7 @@ def diagnose(
         typer.Option(
             help='Relevant rms error, e.g. "0.2 um" or "0.1 %" of the stroke, the largest peak-to-peak reading of a '
             "run: a smaller residual counts as zero, and no effect is named that changes a prediction by less "
-            "[default: 0.05 % of the predicted stroke or 0.3 of the noise; 0.1 % of the predicted stroke if the "
-            "noise is unknown].",
+            "[default: 0.05 % of the stroke or 0.3 of the noise, whichever is less].",
             show_default=False,
         ),
     ] = None,

@@ -91,7 +91,7 @@ def diagnose(
         Paths of effects in addition to those of the catalogue.
     tolerance
         How far an effect must move the prediction of a validation run, rms [response]; by default 0.05 % of the
-        predicted stroke or 0.3 of the noise, whichever is less. A residual below a stated tolerance counts as none.
+        stroke or 0.3 of the noise, whichever is less. A residual below a stated tolerance counts as none.
     noise
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
     threads

@@ -105,11 +105,6 @@ CONSTANTS: tuple[Constant, ...] = (
         "relevance: least motion of a prediction, in shares of the stroke",
     ),
     Constant(
-        "flexdesign.diagnosis.preparation.dataset",
-        "DEFAULT_TOLERANCE",
-        "relevance where the noise is unknown, in shares of the stroke",
-    ),
-    Constant(
         "flexdesign.estimation.criterion",
         "WORSE",
         "validation error at which calibration is refused, over the design",

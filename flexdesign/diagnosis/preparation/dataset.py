@@ -26,11 +26,9 @@ from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
 
 Array = NDArray[np.float64]
-#: An effect must move a held-out prediction by this share of the noise, or of the predicted stroke if that is less.
+#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less or the noise
+#: is unknown; a residual below the latter then counts as none.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
-#: Where the noise is unknown, what a user hardly cares about: an effect must move a prediction by more, and a residual
-#: below it counts as none, in shares of the predicted stroke.
-DEFAULT_TOLERANCE = 1e-3
 #: How often rounding is drawn, to learn what chance makes of it.
 ROUNDING_DRAWS = 400
 #: The largest command of an axis of which nobody said how far it may be driven [V].
@@ -204,11 +202,6 @@ class DiagnosisData:
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
-    def predicted_stroke(self) -> float:
-        """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
-        return stroke_of(self.axis, self.max_command if self.runs else 1.0)
-
-    @property
     def noise_rms(self) -> float:
         """Rms noise of what errors are stated of [response]."""
         return self._rms_noise(self.scored)
@@ -249,8 +242,8 @@ def prepare(
     lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
     if not seen:
         noise = noise_of_lines(responses, lines)
-        data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines)
-        return _with_tolerance(replace(data, stroke=data.predicted_stroke), tolerance)
+        data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines, stroke=stroke_of(its, 1.0))
+        return _with_tolerance(data, tolerance)
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
@@ -267,8 +260,9 @@ def prepare(
 
 def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
     """Return the data set with what matters; of frequency responses alone the unit is the response to one volt."""
-    least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.predicted_stroke)
-    least = least if data.noise.known else DEFAULT_TOLERANCE * data.predicted_stroke
+    least = OF_STROKE * data.stroke
+    if data.noise.known:
+        least = min(OF_NOISE * data.noise_rms, least)
     return replace(data, tolerance=least if asked is None else asked, default_limit=least, is_asked=asked is not None)
 
 
@@ -283,9 +277,8 @@ def line_weights(data: DiagnosisData) -> dict[str, Array]:
         sigma = data.lines[each.name].of_values
         size = np.hypot(np.tile(np.abs(np.nan_to_num(each.response)), 2), sigma)
         known = data.noise.known or bool(data.runs)
-        found[each.name] = data.default_limit / (
-            np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else DEFAULT_TOLERANCE * size
-        )
+        least = np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else OF_STROKE * size
+        found[each.name] = data.default_limit / least
     return found
 
 
