@@ -247,11 +247,27 @@ def _nearest_plane(face: SolidFace, faces: Sequence[SolidFace]) -> str:
 
 
 def how_to_name(face: SolidFace) -> str:
-    """Return what a port's table says to mean a face."""
+    """Return what a port's table says to mean a face: its name, or a point on it, which the middle of a ring is not."""
     if face.name:
         return f'face = "{face.name}"'
-    point = ", ".join(f'"{round(1e3 * x, 6) + 0.0:.6g} mm"' for x in face.centroid)
+    point = ", ".join(f'"{round(1e3 * x, 6) + 0.0:.6g} mm"' for x in _point_on(face))
     return f"point = [{point}], normal = [{_numbers(face.normal)}]"
+
+
+def _point_on(face: SolidFace) -> Vector:
+    """Return the middle of a face if it lies on it, or else a point inside its outline [m]."""
+    import cadquery as cq
+    from OCP.BOPTools import BOPTools_AlgoTools3D
+    from OCP.gp import gp_Pnt, gp_Pnt2d
+    from OCP.IntTools import IntTools_Context
+
+    middle = cq.Vertex.makeVertex(*(np.array(face.centroid) / MM))
+    if face.shape.distance(middle) < FLUSH * face.area**0.5 / MM:
+        return face.centroid
+    inside = gp_Pnt()
+    if BOPTools_AlgoTools3D.PointInFace_s(face.shape.wrapped, inside, gp_Pnt2d(), IntTools_Context()):
+        return face.centroid
+    return inside.X() * MM, inside.Y() * MM, inside.Z() * MM
 
 
 def in_mm(point: Sequence[float]) -> str:

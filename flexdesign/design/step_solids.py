@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexdesign.core.errors import InputError
+from flexdesign.core.errors import InputError, shorten
 
 #: Solids overlap if they share more than this part of the smaller one.
 OVERLAP = 1e-6
+#: Most names of solids in a message, letters of each, and runs of numbers of each.
+MOST_NAMES, LONGEST_NAME, MOST_RUNS = 4, 28, 3
 
 
 @dataclass(frozen=True)
@@ -81,19 +83,36 @@ def _chosen(solids: Sequence[NamedSolid], asked: Sequence[str], path: Path) -> l
 
 
 def listed(solids: Sequence[NamedSolid]) -> str:
-    """Return the names of solids, each with the numbers of those that have it.
+    """Return the names of solids, each with the numbers of those that have it: of the largest, as many as are read."""
+    numbers = dict[str, list[int]]()
+    for k in sorted(range(len(solids)), key=lambda k: -abs(solids[k].solid.Volume())):
+        numbers.setdefault(solids[k].name, []).append(k + 1)
+    named = [
+        (f'"{shorten(name, LONGEST_NAME)}"' if name else "without a name") + f" ({_ranges(sorted(each))})"
+        for name, each in numbers.items()
+    ]
+    more = len(named) - MOST_NAMES
+    return ", ".join(named[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
-    >>> listed([NamedSolid(None, ("leaf",)), NamedSolid(None, ("screw",)), NamedSolid(None, ("leaf",))])
-    '"leaf" (1, 3), "screw" (2)'
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Return whole numbers in ascending order in few words.
+
+    >>> _ranges([1, 3, 4, 5, 8, 9])
+    '1, 3-5, 8, 9'
     """
-    numbers = dict[str, list[str]]()
-    for k, solid in enumerate(solids, 1):
-        numbers.setdefault(f'"{solid.name}"' if solid.name else "without a name", []).append(str(k))
-    return ", ".join(f"{name} ({', '.join(each)})" for name, each in numbers.items())
+    runs = list[list[int]]()
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    few = [f"{run[0]}-{run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs]
+    return ", ".join(few[:MOST_RUNS]) + ", …" * (len(few) > MOST_RUNS)
 
 
-def _label(solids: Sequence[NamedSolid], k: int) -> str:
-    return f"solid {k + 1}" + f' "{solids[k].name}"' * bool(solids[k].name)
+def _label(solids: Sequence[NamedSolid], k: int, longest: int = 1000) -> str:
+    return f"solid {k + 1}" + f' "{shorten(solids[k].name, longest)}"' * bool(solids[k].name)
 
 
 def _sewn(faces: Sequence[Any]) -> tuple[Any, int]:
@@ -119,7 +138,8 @@ def _fuse(named: Sequence[NamedSolid], chosen: Sequence[int], path: Path, *, is_
     InputError
         If two overlap, or one touches no other.
     """
-    solids, labels = [named[k].solid for k in chosen], [_label(named, k) for k in chosen]
+    solids = [named[k].solid for k in chosen]
+    labels = [_label(named, k, LONGEST_NAME) for k in chosen]
     others = "" if is_chosen else f"; or take some of its solids (solids = [...], --solid): {listed(named)}"
     for first, second in _pairs(len(solids)):
         common = solids[first].intersect(solids[second])

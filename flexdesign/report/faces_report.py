@@ -134,10 +134,12 @@ def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) ->
     centres = np.array([face.centroid for face in planes])
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     along = [f for f in planes if abs(f.normal[axis]) > 0.99] or planes
-    ends = [min(along, key=lambda f: f.centroid[axis]), max(along, key=lambda f: f.centroid[axis])]
+    ground = min(along, key=lambda f: f.centroid[axis])
+    others = [[f for f in some if f is not ground] for some in (along, planes)]
+    output = max(others[0] or others[1] or along, key=lambda f: f.centroid[axis])
     meant = [f"solids = [{', '.join(map(quote, solids))}]"] if solids else []
     lines = [f"format = {FORMAT}", f"part = {quote(part)}", *meant, 'material = "Al 7075-T6"']
-    for name, face in zip(("ground", "output"), ends, strict=True):
+    for name, face in (("ground", ground), ("output", output)):
         lines += ["", f"[ports.{name}]", *how_to_name(face).split(", normal")[:1]]
         if not face.name:
             lines += [f"normal{how_to_name(face).split(', normal')[1]}"]

@@ -191,7 +191,7 @@ def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
     plotter.set_background("white")
     surface["motion"] = np.zeros(surface.n_points)
     plotter.add_mesh(surface, scalars="motion", cmap="viridis", clim=(0.0, 1.0), show_scalar_bar=False)
-    plotter.add_mesh(_outline(rest), color="#8a949e", line_width=1.0)
+    _add_outline(plotter, rest, "#8a949e", 1.0)
     _aim(plotter, rest, np.array([0.45, 0.55, 1.0]), _SMALL)
 
     def drawn(displacement: FloatArray, phase: float) -> NDArray[np.uint8]:
@@ -233,11 +233,10 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     plotter.add_mesh(
         surface, show_edges=picture.edges, edge_color="#41505c", line_width=0.6, smooth_shading=False, **style
     )
-    outline = _outline(grid)
     if picture.displacement is not None:
-        plotter.add_mesh(outline, color="#8a949e", line_width=1.5)
+        _add_outline(plotter, grid, "#8a949e", 1.5)
     elif not picture.edges:
-        plotter.add_mesh(outline, color=_INK, line_width=1.5)
+        _add_outline(plotter, grid, _INK, 1.5)
     directions = {"front": (0.0, 0.0, 1.0), "oblique": (0.45, 0.55, 1.0)}
     direction = directions[picture.view] if isinstance(picture.view, str) else picture.view
     _aim(plotter, grid, np.array(direction), _SIZE, picture.focus)
@@ -266,8 +265,11 @@ def _skin(grid: Any, subdivision: int = 2) -> Any:
     return grid.clean(tolerance=1e-9).extract_surface(algorithm="dataset_surface", nonlinear_subdivision=subdivision)
 
 
-def _outline(grid: Any) -> Any:
-    return _skin(grid).extract_feature_edges(feature_angle=30, boundary_edges=False, manifold_edges=False)
+def _add_outline(plotter: Any, grid: Any, colour: str, width: float) -> None:
+    """Draw the sharp edges of a grid, if it has some: a ball has none, and VTK draws nothing that is empty."""
+    edges = _skin(grid).extract_feature_edges(feature_angle=30, boundary_edges=False, manifold_edges=False)
+    if edges.n_points:
+        plotter.add_mesh(edges, color=colour, line_width=width)
 
 
 def _aim(

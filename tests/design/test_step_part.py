@@ -246,6 +246,17 @@ def test_solids_that_cannot_be_taken_are_refused(tmp_path: Path, solids: tuple[s
         step_file.read(assembly(tmp_path / "stage.step"), solids)
 
 
+def test_the_largest_solids_of_an_assembly_are_named_first_and_none_by_half(tmp_path: Path) -> None:
+    """Screws overlap the plate that they are in, and there are many of them before the parts that are sought."""
+    whole = cq.Assembly(name="stage")
+    for k in range(12):
+        whole.add(cq.Workplane().circle(1).extrude(6), name=f"Hex socket head cap screw M2 x {k}, stainless steel")
+    whole.add(cq.Workplane().box(20, 20, 4), name="plate").add(cq.Workplane().box(5, 5, 9), name="slide")
+    whole.export(str(tmp_path / "stage.step"))
+    with pytest.raises(InputError, match=r'--solid\): "plate" \(13\), "slide" \(14\), .* and 10 more$'):
+        step_file.read(tmp_path / "stage.step")
+
+
 def test_all_solids_of_a_name_are_taken_and_a_body_may_have_several(tmp_path: Path) -> None:
     pair = cq.Compound.makeCompound([cq.Workplane(origin=(x, 0, 0)).box(4, 4, 4).val() for x in (0, 4)])
     cq.Assembly(name="stage").add(pair, name="pair").add(
@@ -372,6 +383,38 @@ def test_the_design_to_start_from_can_be_read(tmp_path: Path) -> None:
     ports = design.read(tmp_path / "start.toml").part().ports()
     assert {port.role for port in ports} == {"ground", "output"}
     assert ports[0].normal == pytest.approx((-1, 0, 0))
+
+
+def lug() -> cq.Shape:
+    """A disc with a flat, about a bore in which the middle of its sides lies; one face alone is normal to y."""
+    disc = cq.Workplane().circle(10).circle(7).extrude(4)
+    return disc.cut(cq.Workplane(origin=(0, -14, 0)).box(20, 10, 10)).val()
+
+
+def test_the_design_to_start_from_has_two_ports_where_one_face_alone_ends_the_longest_way(tmp_path: Path) -> None:
+    file = exported(lug(), tmp_path / "part.step", {})
+    (tmp_path / "start.toml").write_text(read_ports(file).found.design_for(tmp_path))
+    ground, output = design.read(tmp_path / "start.toml").part().ports()
+    assert ground.faces != output.faces
+    assert ground.normal == pytest.approx((0, -1, 0))
+
+
+def test_what_is_written_to_mean_a_face_finds_it_where_its_middle_lies_in_a_hole(tmp_path: Path) -> None:
+    solid = lug()
+    listed = faces.of_solid(solid, {}, {})
+    side = max((face for face in listed if face.kind == "plane"), key=lambda face: face.area)
+    middle = cq.Vertex.makeVertex(*(1e3 * np.array(side.centroid)))
+    assert side.shape.distance(middle) > 5
+    exported(solid, tmp_path / "part.step", {})
+    how = faces.how_to_name(side).replace(", normal", "\nnormal")
+    (index,) = ports_of(tmp_path, ground='plane = "y = min"', output=how)["output"]
+    assert step_part.listed(step_file.read(tmp_path / "part.step"))[index].normal == pytest.approx(side.normal)
+
+
+def test_a_ball_is_drawn_though_it_has_no_sharp_edges(tmp_path: Path) -> None:
+    file = tmp_path / "part.step"
+    cq.exporters.export(cq.Workplane().sphere(5), str(file))
+    assert read_ports(file).document.figures
 
 
 def test_a_cylinder_is_listed_with_radius_and_axis(tmp_path: Path) -> None:
