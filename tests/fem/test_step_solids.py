@@ -280,6 +280,17 @@ def test_the_coarsest_mesh_of_a_cardan_joint_passes_the_gate(tmp_path: Path) -> 
     assert bending == pytest.approx([4.828, 4.832], rel=0.03)
 
 
+def test_meshes_of_a_plate_without_hinges_shrink_as_asked_at_its_bore_too(tmp_path: Path) -> None:
+    """Edges at necks shrink as the cube root: three meshes of a bracket with wide bores had nearly as many unknowns."""
+    plate = cq.Workplane().box(40, 30, 4).hole(20)
+    cq.exporters.export(plate, str(tmp_path / "leaf.step"))
+    study = study_of(tmp_path, "rigid")
+    method = mesh_refinement.method_of(study, study.design.part(), whole_of(study))
+    assert isinstance(method, LocalThickness)
+    assert not method.thin.hinges
+    assert method.finest_edge(2.0) == pytest.approx(2 * method.finest_edge(1.0))
+
+
 def test_a_block_has_no_thin_region() -> None:
     assert thin_regions.find(cq.Workplane().box(10, 8, 6).val()).hinges == ()
 

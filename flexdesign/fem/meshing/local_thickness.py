@@ -329,8 +329,12 @@ class LocalThickness:
 
     @property
     def _curved(self) -> NDArray[np.bool_]:
-        """Which places lie at a neck: next to or across a cylinder that is no fillet, shape (n,)."""
-        return np.isfinite(self.thin.curved) & (self.thin.curved > self.thin.thickness / 2)
+        """Which places lie at a neck: next to or across a cylinder that is no fillet, shape (n,).
+
+        Without hinges there are no necks: at bores of a bracket nothing bends more than elsewhere.
+        """
+        at_cylinders = np.isfinite(self.thin.curved) & (self.thin.curved > self.thin.thickness / 2)
+        return at_cylinders & bool(self.thin.hinges)
 
     @property
     def _neck_thickness(self) -> FloatArray:
