@@ -113,13 +113,13 @@ def _mesh_with_growth(
 
 
 def _with_cylinders(domain: Domain, sizing: PlacedSizes, share: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return the places and edge lengths [m] of a field, and those of cylinders, whose chords err by a share.
+    """Return the places and edge lengths [m] of a field, and those of cylinders and cones, whose chords err by a share.
 
     Third are the edges per radius that Netgen is to put on faces that bend.
     """
     corners = np.vstack([face.points for face in domain.faces])
     diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
-    round_ = [face for face in domain.faces if face.axis is not None]
+    round_ = [face for face in domain.faces if face.radius]
     large = [face for face in round_ if face.radius >= SMALL * diagonal]
     places, sizes = [sizing.places], [sizing.sizes]
     for face in large:

@@ -24,6 +24,7 @@ from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
 from flexdesign.fem.meshing import crossing, developed, section, thin_regions
 from flexdesign.fem.meshing.crossing import Crossings
 from flexdesign.fem.meshing.section import Section
+from flexdesign.fem.meshing.surface import radius_of
 from flexdesign.fem.meshing.thin_regions import ThinRegions
 
 MM = 1e-3
@@ -67,7 +68,8 @@ class Face:
     normal, offset
         Of a plane, the outward unit normal and ``normal . x`` [m]; None for curved faces.
     axis, radius
-        Of a cylinder, a point and direction of its axis, shape (2, 3) [m], and its radius [m]; else None.
+        Of a cylinder, a point and direction of its axis, shape (2, 3) [m], and its radius [m]; of a cone only its
+        radius half-way along it; else None and 0.
     """
 
     points: FloatArray
@@ -302,17 +304,14 @@ def _face(face: Any, chord: float, thinnest: float) -> Face:
         cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder()
         location, direction = cylinder.Axis().Location(), cylinder.Axis().Direction()
         axis = np.array(
-            [
-                [location.X() * MM, location.Y() * MM, location.Z() * MM],
-                [direction.X(), direction.Y(), direction.Z()],
-            ]
+            [[location.X() * MM, location.Y() * MM, location.Z() * MM], [direction.X(), direction.Y(), direction.Z()]]
         )
         radius = cylinder.Radius() * MM
         if radius >= thinnest:
             points, corners = _split(points, corners, LONGEST * float(np.sqrt(8 * radius * CHORD * thinnest)))
             points = _on_cylinder(points, axis, radius)
         return Face(points, corners, None, axis=axis, radius=radius)
-    return Face(points, corners, None)
+    return Face(points, corners, None, radius=radius_of(BRepAdaptor_Surface(face.wrapped)) * MM)
 
 
 def _even_face(face: Any, chord: float, size: float) -> Face:
@@ -323,9 +322,12 @@ def _even_face(face: Any, chord: float, size: float) -> Face:
     """
     tessellated = _face(face, chord, math.inf)
     longest = APART * size
-    if tessellated.axis is not None:
+    if tessellated.radius:
         longest = min(longest, float(np.sqrt(8 * tessellated.radius * chord)))
     made = developed.triangles_of(face, chord / MM, longest / MM)
+    if made is None and tessellated.radius:
+        points, triangles = _split(tessellated.points, tessellated.triangles, longest)
+        return replace(tessellated, points=points, triangles=triangles)
     return tessellated if made is None else replace(tessellated, points=made[0] * MM, triangles=made[1])
 
 

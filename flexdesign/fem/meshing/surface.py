@@ -25,9 +25,9 @@ class Surface:
     normals
         Outward unit normal of each face where it is plane, NaN elsewhere, shape (faces, 3).
     radii
-        Of each face that is a cylinder [m]; infinite elsewhere, shape (faces,).
+        Of each face that is a cylinder, or of a cone half-way along it [m]; infinite elsewhere, shape (faces,).
     closed
-        Which faces belong to cylinders that are whole circles, shape (faces,).
+        Which faces belong to cylinders or cones that are whole circles, shape (faces,).
     """
 
     points: FloatArray
@@ -98,9 +98,9 @@ def surface_of(solid: Any, chord: float) -> Surface:
         kind = face.geomType()
         normals.append(face.normalAt().toTuple() if kind == "PLANE" else (np.nan,) * 3)
         bent = BRepAdaptor_Surface(face.wrapped)
-        radii.append(bent.Cylinder().Radius() * mm if kind == "CYLINDER" else np.inf)
-        if kind == "CYLINDER":
-            arcs[index] = _arc(bent)
+        radii.append(np.inf)
+        if kind in ("CYLINDER", "CONE"):
+            radii[-1], arcs[index] = radius_of(bent) * mm, _arc(bent)
     stacked = np.vstack(points)
     _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
     welded = inverse.reshape(-1)[np.vstack(triangles)]
@@ -111,18 +111,35 @@ def surface_of(solid: Any, chord: float) -> Surface:
     )  # fmt: skip
 
 
+def radius_of(bent: Any) -> float:
+    """Return the radius of a cylinder, of a cone half-way along it, such as a drafted bore [mm]; 0 of other faces."""
+    kind = bent.GetType().name
+    if kind == "GeomAbs_Cylinder":
+        return float(bent.Cylinder().Radius())
+    if kind != "GeomAbs_Cone":
+        return 0.0
+    middle, cone = (bent.FirstVParameter() + bent.LastVParameter()) / 2, bent.Cone()
+    return float(abs(cone.RefRadius() + middle * np.sin(cone.SemiAngle())))
+
+
 def _arc(bent: Any) -> tuple[float, ...]:
-    """Return the radius, axis (its direction and where it is nearest to the origin) and angle of a cylindrical face."""
-    cylinder = bent.Cylinder()
-    axis = cylinder.Axis()
-    place, way = (np.array([each.X(), each.Y(), each.Z()]) for each in (axis.Location(), axis.Direction()))
-    way *= np.sign(way[np.argmax(np.abs(way))])
-    place -= (place @ way) * way
-    return cylinder.Radius(), *place, *way, bent.LastUParameter() - bent.FirstUParameter()
+    """Return what the pieces of one cylinder or cone have in common, and the angle of this one.
+
+    Of a cylinder the radius, the place of the axis that is nearest to the origin, and the direction of the axis; of a
+    cone the slope, the apex, and the direction.
+    """
+    is_cylinder = bent.GetType().name == "GeomAbs_Cylinder"
+    shape = bent.Cylinder() if is_cylinder else bent.Cone()
+    place, way = shape.Axis().Location() if is_cylinder else shape.Apex(), shape.Axis().Direction()
+    at, along = (np.array([each.X(), each.Y(), each.Z()]) for each in (place, way))
+    along *= np.sign(along[np.argmax(np.abs(along))])
+    at -= (at @ along) * along if is_cylinder else 0.0
+    size = shape.Radius() if is_cylinder else abs(shape.SemiAngle())
+    return size, *at, *along, bent.LastUParameter() - bent.FirstUParameter()
 
 
 def _closed(arcs: dict[int, tuple[float, ...]], count: int) -> NDArray[np.bool_]:
-    """Tell which of `count` faces belong to cylinders whose pieces make up a whole circle or more."""
+    """Tell which of `count` faces belong to cylinders or cones whose pieces make up a whole circle or more."""
     closed = np.zeros(count, dtype=bool)
     if arcs:
         table = np.array(list(arcs.values()))
