@@ -45,7 +45,7 @@ def design(frequency: float) -> StageModel:
     return StageModel({"x": axis})
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", [1e-4, *SPEEDS])
 def test_a_second_mode_is_found_at_any_speed(speed: float) -> None:
     frequency = 100.0 * speed
     runs = [run(frequency, "identify", 1), run(frequency, "identify", 2), run(frequency, "validate", 3)]
@@ -100,6 +100,19 @@ def test_frequencies_are_tried_in_proportion_to_the_natural_frequency(name: str)
 @pytest.mark.parametrize("name", ["base_motion", "mains_hum"])
 def test_the_floor_and_the_mains_do_not_follow_the_stage(name: str) -> None:
     assert tried(name, AxisModel(100.0, 0.02, GAIN)) == tried(name, AxisModel(300.0, 0.02, GAIN))
+
+
+@pytest.mark.parametrize("name", ["second_mode", "driver_bandwidth", "sensor_bandwidth"])
+def test_a_slow_stage_may_have_slow_modes_and_lags(name: str) -> None:
+    """At 10 mHz the trial values are those of a stage at 100 Hz, a ten thousandth: none is moved to a bound."""
+    usual, slow = (tried(name, AxisModel(f, 0.02, GAIN)) for f in (100.0, 0.01))
+    assert slow == pytest.approx([1e-4 * value for value in usual])
+
+
+def test_no_effect_is_tried_at_frequencies_that_the_samples_do_not_show() -> None:
+    model = AxisDynamics("x", AxisModel(0.01, 0.02, GAIN), max_command=VOLTS, highest=0.05)
+    names = [candidate.name for candidate in candidates(model)]
+    assert "second_mode" in names and not {"base_motion", "mains_hum"} & set(names)
 
 
 def test_the_range_of_a_natural_frequency_ends_at_what_the_samples_show() -> None:

@@ -100,10 +100,18 @@ def candidates(
         present = {p.name: p.start for p in model.parameters()}
         if number is not None and present[number] not in (0.0, math.inf):
             continue
+        if not _shows_frequency(model, effects.find(name), name):
+            continue
         candidate = candidate_of(model, effects.find(name), name, number, lines, peaks, band)
         after = _before(name)
         made.append(candidate if after in model.axis.effects else replace(candidate, after=after))
     return tuple(made)
+
+
+def _shows_frequency(model: AxisDynamics, effect: Effect, name: str) -> bool:
+    """Return whether the samples show some frequency that an effect may have; of effects without one, always."""
+    numbers = (p for p in model.with_effect(effect, name).parameters() if p.name == f"{name}.frequency")
+    return all(p.plausible[0] < p.plausible[1] for p in numbers)
 
 
 def _before(name: str) -> str:

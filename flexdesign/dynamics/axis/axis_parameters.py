@@ -81,7 +81,8 @@ def of_effect(
 def observable_range(parameter: Parameter, first: AxisModel, highest: float) -> dict[str, Any]:
     """Return the range and the trial values of a parameter without frequencies that the samples cannot show.
 
-    An undamped mode at the sampling rate would remember every step of a held command, and pass for hysteresis.
+    An undamped mode at the sampling rate would remember every step of a held command, and pass for hysteresis. The
+    lowest frequencies of modes and lags go down with the natural frequency, as their trial values do.
 
     Parameters
     ----------
@@ -96,13 +97,15 @@ def observable_range(parameter: Parameter, first: AxisModel, highest: float) -> 
         low, high = parameter.plausible
         return {"plausible": (low, min(high, max(highest, BEYOND * first.natural_frequency)))}
     owner, _, number = parameter.name.rpartition(".")
+    low, high = parameter.plausible
+    if number == "bandwidth":
+        return {"plausible": (low * min(1.0, frequency_scale(first, highest)), high)}
     if number != "frequency" or owner.startswith("modes"):
         return {}
     is_mode = any(isinstance(face, Resonance) for face in effects.find(owner).faces)
     scale = frequency_scale(first, highest) if is_mode else 1.0  # the floor and the mains do not follow the stage
     tried = tuple(value * scale for value in parameter.screen if value * scale < highest)
-    low, high = parameter.plausible
-    return {"plausible": (low, high if math.isinf(highest) else highest), "screen": tried}
+    return {"plausible": (low * min(1.0, scale), high if math.isinf(highest) else highest), "screen": tried}
 
 
 def frequency_scale(first: AxisModel, highest: float) -> float:
