@@ -264,6 +264,20 @@ def test_a_bias_shows_what_bends() -> None:
         assert values["quadratic"][0] == pytest.approx(3e-9, rel=0.02)
 
 
+def test_what_is_missing_far_above_the_main_mode_is_found_where_the_noise_is_unknown() -> None:
+    """Two inertias and a soft coupling, on a suspension at 2 Hz that the band from 11 Hz does not show.
+
+    Lines are a thousandth of the static response and less, so that a share of that one would be no tolerance.
+    """
+    lines = np.arange(11.0, 251.0)
+    twin = mode(lines, 2.0, 0.1) + 1e-3 * mode(lines, 76.0, 0.02)
+    axis = replace(AXIS, natural_frequency=2.0, damping_ratio=0.1, gain=GAIN, uncertainty=AXIS.uncertainty)
+    found = diagnose(StageModel({"x": axis}), [measured(lines, GAIN * twin, coherence=None)], threads=1)
+    assert found.verdict == "effects-found" and [effect.name for effect in found.effects] == ["second_mode"]
+    frequency = next(v for v in found.effects[0].values if v.parameter.name.endswith("frequency"))
+    assert frequency.value == pytest.approx(76.0, rel=2e-3)
+
+
 def test_errors_are_shares_of_the_line() -> None:
     """A response 5 % above the model is off by 1/21 of each line, whatever each line weighs."""
     ratio = FAST / AXIS.natural_frequency

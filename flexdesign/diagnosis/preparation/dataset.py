@@ -15,7 +15,7 @@ from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
-from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
+from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS
 from flexdesign.dynamics.axis.axis_run import is_at_stack, measured_stroke, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
@@ -60,8 +60,8 @@ class DiagnosisData:
     is_asked
         Whether somebody said what matters: then a residual below the tolerance counts as none.
     stroke
-        What percentages of the stroke refer to: the largest peak-to-peak reading of a run [response]. It does not
-        depend on the gain of the model, which may be wrong.
+        What percentages of the stroke refer to: the largest peak-to-peak reading of a run, or of frequency responses
+        alone the size of their lines [response]. It does not depend on the gain of the model, which may be wrong.
     """
 
     name: str
@@ -202,6 +202,13 @@ class DiagnosisData:
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
+    def line_size(self) -> float:
+        """Size of the lines that the model is chosen by, each weighted by its noise as in `error` [response/V]."""
+        judging = [each for each in self.responses if each.name in self.selecting]
+        sizes = np.concatenate([each.measured() * self.scales[each.name] for each in judging])
+        return float(np.sqrt(np.nanmean(sizes**2)))
+
+    @property
     def noise_rms(self) -> float:
         """Rms noise of what errors are stated of [response]."""
         return self._rms_noise(self.scored)
@@ -242,8 +249,8 @@ def prepare(
     lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
     if not seen:
         noise = noise_of_lines(responses, lines)
-        data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines, stroke=stroke_of(its, 1.0))
-        return _with_tolerance(data, tolerance)
+        data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines)
+        return _with_tolerance(replace(data, stroke=data.line_size), tolerance)
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
@@ -259,7 +266,7 @@ def prepare(
 
 
 def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
-    """Return the data set with what matters; of frequency responses alone the unit is the response to one volt."""
+    """Return the data set with what matters."""
     least = OF_STROKE * data.stroke
     if data.noise.known:
         least = min(OF_NOISE * data.noise_rms, least)
