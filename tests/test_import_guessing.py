@@ -336,6 +336,34 @@ def test_responses_of_matlab_in_angular_frequency_and_in_decibels(
 # --- Many files
 
 
+@pytest.mark.parametrize("unit", ["rad/A", "m/N", "um"])
+def test_a_response_per_something_else_than_a_volt_asks_for_its_unit_and_scale(
+    unit: str, tmp_path: Path, command_line: Callable[..., Any]
+) -> None:
+    table = tmp_path / "sweep.csv"
+    table_rows = "".join(f"{k},{1 / k},-90\n" for k in range(1, 20))
+    table.write_text(f"Frequency (Hz),Magnitude ({unit}),Phase (deg)\n{table_rows}")
+    ended = command_line("import", str(table))
+    said = f'does not say unit and scale of "Magnitude", the magnitude per volt: the file says {unit}.'
+    assert ended.code == 2 and said in ended.stderr
+    chart = tmp_path / "map.toml"
+    answer = 'unit = "um/V"\nscale = 10  #'
+    chart.write_text(ended.stdout[ended.stdout.index("title") :].replace('unit = "?"  #', answer))
+    assert command_line("import", str(table), "--map", str(chart), "-o", str(tmp_path / "out")).code == 0
+    (response,) = read_recordings([tmp_path / "out"])
+    assert isinstance(response, FrequencyResponse)
+    assert response.response[0] == pytest.approx(-1e-5j)  # 10 um/V at -90 deg
+
+
+def test_a_sampling_time_in_a_column_of_the_table_is_read(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """As in the CSV file of the cascaded tanks: a column with one number, and a comma after each row."""
+    table = tmp_path / "tanks.csv"
+    table_rows = "".join(f"{k % 7},{k % 5},{4 if k == 0 else ''},\n" for k in range(40))
+    table.write_text(f'"u","y","Ts",\n{table_rows}')
+    ended = command_line("import", str(table))
+    assert ended.code == 2 and "the sampling rate" not in ended.stderr and 'rate = "0.25 Hz"' in ended.stdout
+
+
 def test_many_files_of_different_kinds_go_into_one_folder(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     for k in range(3):
         (tmp_path / f"step_{k}.csv").write_text("t [s],u [V],x [um]\n" + rows(T, U, (1 + k) * X))

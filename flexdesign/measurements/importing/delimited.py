@@ -54,7 +54,8 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     Header lines are those before the first row of numbers that have as many cells, whatever their number: a line whose
     cells are all units gives the units, the line above it the names. A unit may stand in its name's cell, ``x [um]``,
     ``x (um)`` or ``x_um``: see `header_cells`. Columns without a name are called ``column 1`` and so on; those of words
-    are left out. Empty cells, and words where a number should be, are NaN. Times of day become seconds since the first.
+    are left out, and one that holds a single number is that number. Empty cells, and words for a number, are
+    NaN. Times of day become seconds since the first.
 
     Raises
     ------
@@ -97,6 +98,8 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
             numbers = np.array([_number(cell, decimal) for cell in cells]) if of_day is None else of_day
             made = from_memory(numbers, units[k] if of_day is None else "s")
             found[name] = replace(made, lines=numbered[first:])
+        elif len(alone := [row[k] for row in rows if row[k]]) == 1 and _is_number(alone[0], decimal) and not units[k]:
+            found[name] = from_memory(np.array(_number(alone[0], decimal)), "")  # a sampling time next to the table
     return found, notes
 
 

@@ -245,15 +245,18 @@ def _column(name: str, variable: str, of: Variable, questions: list[str]) -> Col
         return Column(name, variable, "?")
     if not _fits(name, of):
         questions.append(f"unit and scale of {short}, the {what} {name}: the file says {of.unit}")
-        return Column(
-            name, variable, "?", remark=f"the file says {of.unit!r}; add scale = ... in that unit for each of it"
-        )
+        return Column(name, variable, "?", remark=_scaled(of.unit))
     if _kind(name) == "x" and header_cells.si_of(of.unit) == "V":
         remark = 'if that is the voltage of a sensor: unit = "um" and scale, in um for each unit of it'
         if not _role(variable, of).strength or _role(variable, of).column != "x":
             questions.append(f"whether {short}, in {of.unit}, is the response, and how many um a volt of it is")
         return Column(name, variable, remark=remark)
     return Column(name, variable)
+
+
+def _scaled(unit: str) -> str:
+    """Return what the map says of a column whose unit is another one than it needs."""
+    return f"the file says {unit!r}; add scale = ... in that unit for each of it"
 
 
 def _kind(name: str) -> str:
@@ -351,6 +354,9 @@ def _line(what: str, name: str, variable: Variable, questions: list[str]) -> Col
         )
     if si in ("m/V", "rad/V") or (si == "1" and variable.unit):
         return Column(what, name)
+    if variable.unit:
+        questions.append(f"unit and scale of {_phrase(name)}, the {what} per volt: the file says {variable.unit}")
+        return Column(what, name, "?", remark=_scaled(variable.unit))
     questions.append(f"the unit of {_phrase(name)}, the {what} per volt (um/V?)")
     return Column(what, name, "?")
 

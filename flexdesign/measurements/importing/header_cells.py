@@ -43,7 +43,8 @@ def unit_of(cell: str) -> str:
     for wrong, right in _GARBLED.items():
         cell = cell.replace(wrong, right)
     low = cell.lower()
-    for written in (WRITTEN.get(low, ""), cell, low):
+    small = low if low in _NO_UNITS or not _NO_UNITS & set(low.split("/")) else ""  # A of rad/A is no year
+    for written in (WRITTEN.get(low, ""), cell, small):
         if written == DECIBEL or (written and si_of(written)):
             return written
     return ""
@@ -69,8 +70,8 @@ def split_unit(cell: str) -> tuple[str, str]:
     A unit in brackets is one, wherever it stands. One behind a separator is one if it is that of what the name says:
     ``pos_m`` is in metres, ``Channel A`` has no unit.
 
-    >>> [split_unit(cell) for cell in ("x [um]", "Weg in µm", "time_ms", "Kanal A (mV)", "Channel A")]
-    [('x', 'um'), ('Weg', 'µm'), ('time', 'ms'), ('Kanal A', 'mV'), ('Channel A', '')]
+    >>> [split_unit(cell) for cell in ("x [um]", "Weg in µm", "time_ms", "Kanal A (mV)", "Channel A", "Gain (m/N)")]
+    [('x', 'um'), ('Weg', 'µm'), ('time', 'ms'), ('Kanal A', 'mV'), ('Channel A', ''), ('Gain', 'm/N')]
     """
     cell = cell.strip()
     if len(cell) > unit_tables.LONGEST:
@@ -81,7 +82,8 @@ def split_unit(cell: str) -> tuple[str, str]:
             return f"{cell[: match.start()]} {cell[match.end() :]}".strip() or match[1], unit
     if brackets and brackets[-1].end() == len(cell) and brackets[-1].start():
         inside = brackets[-1][1]
-        if inside and not roles.axis_of(inside) and not roles.classes(inside):  # a unit that nobody knows
+        is_name = roles.axis_of(inside) or roles.classes(inside)
+        if inside and (not is_name or _is_ratio(inside)):  # a unit that nobody knows
             return cell[: brackets[-1].start()].strip(), inside
         return cell, ""
     for match in _SEPARATED.finditer(cell):
@@ -95,6 +97,12 @@ def split_unit(cell: str) -> tuple[str, str]:
             return name, unit
     is_unit = _WHOLE.fullmatch(cell) or (len(cell) > 1 and cell.lower() in WRITTEN)
     return cell, unit_of(cell) if is_unit else ""
+
+
+def _is_ratio(text: str) -> bool:
+    """Tell whether a text is one unit over another: ``m/N`` is, ``x/y`` is none."""
+    over = text.split("/")
+    return len(over) == 2 and all(unit_of(part) for part in over)
 
 
 def _suits(name: str, unit: str, written: str) -> bool:

@@ -167,12 +167,15 @@ _RULES: tuple[tuple[set[str], str, tuple[str, ...], int], ...] = (
 
 
 def line_of(name: str, si: str) -> str:
-    """Return which column of a frequency response a variable is: f, magnitude, phase, re, im, coherence; or nothing."""
+    """Return which column of a frequency response a variable is: f, magnitude, phase, re, im, coherence; or nothing.
+
+    A magnitude may have any unit but those that tell what else it is: analysers state responses per newton or ampere.
+    """
     remark = classes(name)
     allowed = {
         "frequency": ("Hz", ""), "angular": ("Hz", ""), "coherence": ("1", ""), "phase": ("rad", ""),
-        "re": ("m/V", "rad/V", "1", ""), "im": ("m/V", "rad/V", "1", ""),
-        "magnitude": ("m/V", "rad/V", "1", "dB", ""),
     }  # fmt: skip
     found = next((kind for kind, units in allowed.items() if kind in remark and si in units), "")
+    if not found and si not in ("s", "Hz", "K"):
+        found = next((kind for kind in ("re", "im", "magnitude") if kind in remark), "")
     return "f" if found in ("frequency", "angular") else found
