@@ -19,6 +19,7 @@ from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import ColouredNoise, White, Whitening
 from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.intervals import intervals
+from flexdesign.estimation.uncertainty.profile_likelihood import _Path
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 T = np.linspace(0, 3, 400)
@@ -152,6 +153,21 @@ def test_a_crooked_likelihood_gets_the_interval_of_its_profile() -> None:
     assert (s.name, x.name) == ("s", "x") and s.reason == ""
     assert x.reason == "interval from the profile likelihood"
     assert x.interval == pytest.approx((math.sqrt(0.4), math.sqrt(1.6)), rel=0.02)
+
+
+def test_a_search_towards_the_minimum_has_its_jacobian_and_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Jacobian from farther away leads astray; and where the rise does not fall the search ends at the minimum."""
+    found = solved(line(), [run(line(), {"slope": 2.0}, T, 0.1 * np.random.default_rng(2).standard_normal(400))], 0.1)
+    path, given = _Path(found, uncertainty(found), 0), list[Any]()
+
+    def cost_increase(displacement: float, guess: Array, columns: Any) -> tuple[float, Array, Any]:
+        given.append(columns)
+        return 1e9, guess, {}
+
+    monkeypatch.setattr(path, "cost_increase", cost_increase)
+    end, is_open, _ = path.end(1.0)
+    assert end == pytest.approx(found.x[0], abs=1e-12) and not is_open
+    assert all(columns is path.columns for columns in given)
 
 
 def test_prior_knowledge_is_part_of_the_profile() -> None:

@@ -101,12 +101,16 @@ class _Path:
         # By distance from the minimum: the derivatives of all coordinates there; and by its logarithm the root of the
         # relative rise, as a logarithm: a straight line where the cost is any power of the distance.
         derivatives, met = {0.0: side * self.tangent}, dict[float, float]()
+        columns = {0.0: self.columns}
 
         def excess(at: float) -> float:
+            distance = math.exp(at)
+            if x + side * distance == x:  # without displacement no rise
+                return math.log(LEAST_RISE) / 2
             if at not in met:
-                distance = math.exp(at)
                 nearest = max(d for d in derivatives if d < distance)
-                increase, displacement = self.cost_increase(side * distance, derivatives[nearest] * distance)
+                guess = derivatives[nearest] * distance
+                increase, displacement, columns[distance] = self.cost_increase(side * distance, guess, columns[nearest])
                 found = math.log(min(max(increase / self.expected, LEAST_RISE), 1 / LEAST_RISE)) / 2
                 is_end = abs(found) <= PROFILE_ACCURACY or self.better is not None  # from there the fit is repeated
                 met[at], derivatives[distance] = (0.0 if is_end else found), displacement / distance
@@ -121,27 +125,27 @@ class _Path:
         root = brentq(excess, *bracket, xtol=PROFILE_ACCURACY, maxiter=8, disp=False)
         return x + side * math.exp(float(root)), False, True
 
-    def cost_increase(self, displacement: float, guess: Array) -> tuple[float, Array]:
-        """Return how far the profile rises above the minimum, and the displacement of all coordinates.
+    def cost_increase(self, displacement: float, guess: Array, columns: Columns) -> tuple[float, Array, Columns]:
+        """Return how far the profile rises above the minimum, the displacement of all coordinates, and the Jacobian.
 
-        The others take steps with the Jacobian of the minimum, each at the price of one simulation. Where they end
-        the cost can only be too high: if it is, they are fitted with a Jacobian found there, which then serves further
-        on.
+        The others take steps with a Jacobian from nearer to the minimum, each at the price of one simulation. Where
+        they end the cost can only be too high: if it is, they are fitted with a Jacobian found there, which then serves
+        further on; nearer to the minimum it would lead them astray.
         """
         where, small = self.problem.where, PROFILE_ACCURACY * self.expected + self.floor
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
         x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
         others = self.problem.fixed(self.j, float(x[self.j]), x)
-        found = solve(others, x[self.others], FOLLOWING, self.columns, small=small)
+        found = solve(others, x[self.others], FOLLOWING, columns, small=small)
         if found is None:
-            return math.inf, x - self.minimum.x
+            return math.inf, x - self.minimum.x, columns
         if self._above_minimum(x, found) > (1 + COVARIANCE_TOLERANCE) ** 2 * self.expected and self.others.size:
             found = solve(others, found.x, Effort(2, 0.0, is_exact=False), found.columns(), small=small) or found
-            self.columns = found.columns()
+            columns = found.columns()
         increase = self._above_minimum(x, found)
         if -increase > small:
             self.better = x
-        return increase, x - self.minimum.x
+        return increase, x - self.minimum.x, columns
 
     def _above_minimum(self, x: Array, found: Solution) -> float:
         """Move the others to where they were fitted, and return the cost there less the minimum's."""
