@@ -243,6 +243,16 @@ def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> Non
     assert result["tell_apart"][0]["pairs"][0]["experiments"][0]["over_noise"] == best.over_noise
 
 
+def test_experiments_are_simulated_as_fast_as_the_modes_ask_for() -> None:
+    """A controller that samples a slow stage ten times as often as its modes need costs ten times the simulations."""
+    found = replace(diagnosed(), confusable=(GROUP,))
+    frequency = found.model.axes["x"].natural_frequency
+    fast = replace(found.model, controller=replace(found.model.controller, rate=1000 * frequency))
+    (told,) = discriminating_experiments.proposals(replace(found, model=fast))
+    commands = [each.command for each in told.resolved[0].separations]
+    assert all(command.period * frequency == pytest.approx(1 / 10, rel=0.01) for command in commands)
+
+
 def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
     bare = replace(found.model.axes["x"], actuator=None)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import experiment_design
-from flexdesign.diagnosis.experiment_design import Resolved
+from flexdesign.diagnosis.experiment_design import Resolved, StatedLimits
+from flexdesign.diagnosis.preparation.initial_conditions import modes
 from flexdesign.diagnosis.result import Diagnosis
+
+#: Samples in a period of the highest mode where experiments are simulated: their tones end at three times its
+#: frequency, well below Nyquist's; a controller may sample a slow stage a thousand times as fast.
+SAMPLES_PER_PERIOD = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +56,7 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
 def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Proposal:
     resolved = list[Resolved]()
     try:
-        limits = experiment_design.of_axis(found.model, found.axis)
+        limits = experiment_design.of_axis(found.model, found.axis, StatedLimits(rate=_rate(found)))
         dynamics = experiment_design.dynamics(found.model, found.axis, limits)
         menu = [*experiment_design.suite_of(dynamics, limits), *experiment_design.other_excitations(dynamics, limits)]
         for other in group[1:]:
@@ -59,3 +65,10 @@ def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str]
     except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
         return Proposal(group, tuple(resolved), error.remedy)
     return Proposal(group, tuple(resolved))
+
+
+def _rate(found: Diagnosis) -> float:
+    """Return the sampling rate of simulated experiments, a whole fraction of the controller's [Hz]."""
+    highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
+    rate = found.model.controller.rate
+    return rate / max(math.floor(rate / (SAMPLES_PER_PERIOD * highest)), 1)
