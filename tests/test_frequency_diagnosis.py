@@ -278,6 +278,12 @@ def test_what_is_missing_far_above_the_main_mode_is_found_where_the_noise_is_unk
     assert frequency.value == pytest.approx(76.0, rel=2e-3)
 
 
+def test_a_response_of_the_other_sign_is_asked_for() -> None:
+    doubt = "is the sign of the gain, of the command or of the response reversed"
+    assert doubt in found_in(measured(FAST, -GAIN * mode(FAST))).confidence
+    assert doubt not in found_in(measured(FAST, GAIN * mode(FAST, 140.0))).confidence
+
+
 def test_errors_are_shares_of_the_line() -> None:
     """A response 5 % above the model is off by 1/21 of each line, whatever each line weighs."""
     ratio = FAST / AXIS.natural_frequency

@@ -167,7 +167,8 @@ def _confidence(
     final: FittedModel,
 ) -> str:
     """Return what weakens the verdict, in words; the fits with the residuals of test runs."""
-    remarks = reversal.doubts(data.runs, history.nominal.residuals_by_run)
+    residuals = history.nominal.residuals_by_run
+    remarks = reversal.doubts(data.runs, residuals) or reversal.doubts_of_lines(data.responses, residuals)
     if not data.noise.known:
         remarks.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "

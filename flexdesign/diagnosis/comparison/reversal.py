@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.measurements.recordings import Run
+from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
 #: Below this correlation the reversed prediction would explain more than half of the motion.
@@ -56,4 +56,19 @@ def doubts(runs: Sequence[Run], residuals: Mapping[str, Array]) -> list[str]:
     """Return the question to ask, or nothing, of runs and their residuals by name [response]."""
     moving = [run for run in runs if run.name in residuals and np.ptp(run.command())]
     doubt = question(correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving))
+    return [doubt] if doubt else []
+
+
+def doubts_of_lines(responses: Sequence[FrequencyResponse], residuals: Mapping[str, Array]) -> list[str]:
+    """Return the question to ask, or nothing, of frequency responses and their residuals by name [response/V].
+
+    The correlation is the mean cosine of the phase between measured and predicted lines, whatever their size.
+    """
+    cosines = list[Array]()
+    for each in responses:
+        real, imaginary = np.split(each.measured() - residuals[each.name], 2)
+        both = each.response * (real - 1j * imaginary)
+        both = both[each.present & (both != 0)]
+        cosines.append(both.real / np.abs(both))
+    doubt = question(float(np.mean(np.concatenate(cosines)))) if cosines else ""
     return [doubt] if doubt else []
