@@ -157,6 +157,7 @@ def test_curved_quadrilaterals_integrate_a_ring() -> None:
     np.testing.assert_allclose(linear, np.broadcast_to([2.0, -3.0], linear.shape), rtol=1e-11)
 
 
+@pytest.mark.slow
 def test_small_fillets_stiffen_little_and_large_ones_more(coarse: Reference) -> None:
     """Fillets add material; what they add to a leaf's bending stiffness is of the order of radius over length."""
     metal = design.read(design.find("bridge_amplifier")).material
