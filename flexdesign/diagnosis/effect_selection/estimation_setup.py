@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 #: The rms error is about a tenth of the largest: chi^2 of ten thousand samples is then off by one.
 PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
-#: for [s].
-MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
+#: for [s], or of a twentieth of a period of a slow mode, which integrates its motion to a percent.
+MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP, STEPS_PER_PERIOD = 16, 2, 4.4e-4, 20
 #: The same for the final values: many samples determine them far better than their noise.
 FINAL_PREDICTION_ERROR, MOST_FINAL_STEPS = 0.002, 64
 #: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is
@@ -120,7 +120,8 @@ def case_of(
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
     max_command = data.max_command
     stroke = stroke_of(data.axis, max_command)
-    slow = math.ceil(max(data.periods) / SHORTEST_STEP)
+    step = max(SHORTEST_STEP, 1 / (STEPS_PER_PERIOD * data.axis.natural_frequency))
+    slow = math.ceil(max(data.periods) / step)
     is_fast = slow <= 2 * STEPS_OF_SCREENING
     screening, fine = STEPS_OF_SCREENING if is_fast else slow, max(MOST_STEPS, 2 * slow)
     exact = float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
