@@ -217,6 +217,7 @@ def solve(
     thin_nodes = _thin_nodes(body, domain)
     roots = domain.thin.roots_of_hinges.inside(domain.planes) if domain.thin is not None else None
     peaks = np.zeros(6 if len(thin_nodes) else 0)
+    hinge_shares: dict[str, float] = {}
     solver, memory = "", 0
     for cls in port_compliance.classes(domain)[: None if all_classes else 1]:
         progress(f"{body.n_dofs} unknowns, {cls.name}")
@@ -230,7 +231,10 @@ def solve(
             for name, motion in (("input", space.extension), ("output", space.output)):
                 fields[name] = (displacements @ (space.halves * (projection @ motion))).reshape(-1, 3)
         if len(thin_nodes):  # a motion of an output that is its own mirror image fits one class, and is zero in others
-            peaks = np.maximum(peaks, _peaks(body, displacements[:, space.retained_rows(output)], thin_nodes))
+            at_output = displacements[:, space.retained_rows(output)]
+            peaks = np.maximum(peaks, _peaks(body, at_output, thin_nodes))
+            for name, largest in _hinge_shares(body, domain, at_output, space.loads[output]).items():
+                hinge_shares[name] = max(largest, hinge_shares.get(name, 0.0))
         if mass is not None:
             found += _vibrations(system, mass, space, mode_count, actuator)
         system.factor.free()
@@ -256,6 +260,7 @@ def solve(
         facts={
             "sharp": roots is not None and roots.is_sharp,
             "unresolved fillet": roots.unresolved(mesh.points, mesh.facets) if roots is not None else None,
+            "hinge shares": hinge_shares,
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),
@@ -283,6 +288,24 @@ def _thin_nodes(body: Elasticity, domain: Domain) -> IntArray:
 def _peaks(body: Elasticity, displacements: FloatArray, nodes: IntArray) -> FloatArray:
     """Return the largest von Mises stress on some nodes for each of several displacements (n_dofs, k)."""
     return np.array([stress.nodal_von_mises(body, u.reshape(-1, 3))[nodes].max() for u in displacements.T])
+
+
+def _hinge_shares(body: Elasticity, domain: Domain, fields: FloatArray, loads: FloatArray) -> dict[str, float]:
+    """Return, by name, the largest share of the strain energy that each hinge found on the solid holds under any load.
+
+    Fields and unit loads have shape (n_dofs, k). To a hinge belongs what is no farther than three quarters of the
+    thickness from its middle: with all of its thickness, and some of what is around it.
+    """
+    found, thin = dict[str, float](), domain.thin
+    if thin is None:
+        return found
+    middles, whole = body.mesh.points[body.mesh.tets].mean(axis=1), fields.T @ loads
+    for hinge, on in zip(thin.hinges, thin.chosen, strict=True):
+        thickness = thin.thickness[on]
+        away, nearest = cKDTree(thin.points[on] + thin.inward[on] * thickness[:, None] / 2).query(middles)
+        form = energy.between(body, fields, away < 0.75 * thickness[nearest])
+        found[hinge.name] = energy.largest_share(form, whole)
+    return found
 
 
 def _vibrations(

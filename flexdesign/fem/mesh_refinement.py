@@ -199,6 +199,7 @@ def _level(
     stored = cache.load("solution", key)
     if stored is not None:
         solution = Solution.from_store(*stored, part)
+        hinges = _weighed(hinges, solution, design.file)
         return Level(size, tagged, solution, hinges, float(stored[1]["seconds"]), cached=True)
 
     def say(text: str) -> None:
@@ -220,7 +221,24 @@ def _level(
     seconds = perf_counter() - began
     arrays, table = solution.to_store()
     cache.store("solution", key, arrays, table | {"seconds": seconds})
-    return Level(size, tagged, solution, hinges, seconds, cached=False)
+    return Level(size, tagged, solution, _weighed(hinges, solution, design.file), seconds, cached=False)
+
+
+def _weighed(checks: Sequence[HingeCheck], solution: Solution, file: Path) -> list[HingeCheck]:
+    """Return what the gate measured, with the share of the strain energy that each hinge found on a solid holds.
+
+    Raises
+    ------
+    InputError
+        If the mesh cannot be used for that, about the file.
+    """
+    shares = solution.facts["hinge shares"]
+    weighed = [replace(check, share=shares.get(check.hinge.name, 1.0)) for check in checks]
+    try:
+        local_thickness.require(weighed)
+    except MeshError as error:
+        raise InputError(file, "mesh", None, str(error)) from error
+    return weighed
 
 
 def make_mesh(
@@ -228,7 +246,8 @@ def make_mesh(
 ) -> tuple[TaggedMesh, list[HingeCheck]]:
     """Return a mesh that passes the gate, and what that measured; one mesher is not deterministic and may try again.
 
-    Where Netgen makes no mesh, pytetwild does, and the mesh says so. Only a mesh that passes is kept.
+    Where Netgen makes no mesh, pytetwild does, and the mesh says so. Only a mesh that passes is kept. How far hinges
+    that were found on a solid are off is for the caller to judge (`local_thickness.require`): by what they carry.
 
     Raises
     ------
@@ -247,6 +266,8 @@ def make_mesh(
         try:
             tagged = method.mesh(coarseness)
             checks = _check_mesh(method, tagged, body, hinges)
+            if left:  # another mesh may do better
+                local_thickness.require(checks)
             break
         except NoMesh as error:
             if not isinstance(method, LocalThickness):

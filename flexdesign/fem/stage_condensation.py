@@ -22,7 +22,7 @@ from flexdesign.design.study import Study
 from flexdesign.fem import mesh_refinement
 from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.mesh_refinement import LIBRARIES, MOST_LEVELS, Progress
-from flexdesign.fem.meshing import domain
+from flexdesign.fem.meshing import domain, local_thickness
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
@@ -252,6 +252,7 @@ def _kind(
     modes = MODES if any(port.role == "input" for port in piece.ports()) else HINGE_MODES
     try:
         mesh, hinges = mesh_refinement.make_mesh(method, body, coarseness, piece.linkage().of_kind("hinge"), cache, say)
+        local_thickness.require(hinges)
         key = content_key(
             mesh_refinement.engine(), content_key(*mesh.arrays().values()), unit.mechanics, DEGREE, modes, interior,
             versions.installed(LIBRARIES), [vars(port) for port in piece.ports()], [vars(p) for p in body.planes],

@@ -13,7 +13,7 @@ import pytest
 from flexdesign.core.errors import InputError
 from flexdesign.design import design
 from flexdesign.design.part import SymmetryPlane
-from flexdesign.fem.meshing import domain, mesh, sizing
+from flexdesign.fem.meshing import developed, domain, mesh, sizing
 from flexdesign.fem.meshing.domain import Domain, Face
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.solving.elasticity import EDGES, Elasticity
@@ -71,10 +71,10 @@ def test_quarter_of_the_amplifier_is_a_quarter(fillet: float) -> None:
 def test_a_tessellation_without_bound_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A triangle of area 1/2 with sides of at most L takes at least (1/2) / (sqrt(3)/4 L^2) of them: 11548 here."""
     corner = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    monkeypatch.setattr(domain, "MOST", 11_000)
+    monkeypatch.setattr(developed, "MOST", 11_000)
     with pytest.raises(InputError, match=r"more than 11000 triangles with edges of at most 10 mm.*hinge thicker"):
-        domain._split(corner, np.array([[0, 1, 2]]), 0.01)
-    points, triangles = domain._split(corner, np.array([[0, 1, 2]]), 0.02)
+        developed.split(corner, np.array([[0, 1, 2]]), 0.01)
+    points, triangles = developed.split(corner, np.array([[0, 1, 2]]), 0.02)
     assert len(triangles) <= 11_000
     sides = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2)
     assert sides.max() <= 0.02

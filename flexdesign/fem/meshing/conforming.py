@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from flexdesign.core import subprocess_call
 from flexdesign.fem.meshing.domain import MM, Domain
@@ -20,13 +21,17 @@ from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Edges per radius on faces that bend where no place asks for finer ones; on cylinders the chord error of the finest
-#: mesh, in diagonals of the solid: volume and mass are then off by about a thousandth. It falls with the square of the
-#: edge length, as chords do.
+#: Edges per radius on faces that bend where no place asks for finer ones, and their chord error on the finest mesh, in
+#: diagonals of the solid: volume and mass are then off by about a thousandth. It falls with the square of the edge
+#: length, as chords do.
 PER_RADIUS, CHORD = 1.5, 3e-4
-#: Cylinders of smaller radius, in diagonals of the solid, are fillets, which places ask for where they matter: with as
-#: many edges per radius, a rounding of 0.02 mm had more elements than all the rest. Of a solid that has any, Netgen
-#: itself is asked for next to no edges per radius, and places on the other cylinders ask for them instead.
+#: Edges at curved necks and next to hinges change with the coarseness to this power. On curved faces next to a hinge
+#: the chord error on the finest mesh in its thickness, or such a face would reach into it: Netgen's edges are up to 1.5
+#: times as long as asked, and the coarsest of three meshes passes the gate.
+NECK_POWER, CHORD_AT_HINGES = 1 / 3, 2e-3
+#: Curved faces of smaller radius, in diagonals of the solid, are fillets, which places ask for where they matter: with
+#: as many edges per radius, a rounding of 0.02 mm had more elements than all the rest. Of a solid that has any, Netgen
+#: itself is asked for next to no edges per radius, and places on the other faces ask for them instead.
 SMALL, NEXT_TO_NONE = 5e-3, 0.05
 #: Growth of the edge length per distance, at most, tried in turn: with more, Netgen failed on crossed round notches.
 GROWTHS = (0.3, 0.2)
@@ -75,7 +80,7 @@ def tetrahedralize(domain: Domain, sizing: PlacedSizes, coarseness: float = 1.0)
     NoMesh
         If Netgen makes no mesh, or one whose faces are not those of the domain.
     """
-    points, tets, facets, faces, count = _mesh_with_growth(domain, sizing, CHORD * coarseness**2)
+    points, tets, facets, faces, count = _mesh_with_growth(domain, sizing, coarseness)
     if not len(tets) or count != len(domain.faces):
         raise NoMesh(f"Netgen's mesh has {len(tets)} tetrahedra and {count} faces for {len(domain.faces)}")
     points *= MM
@@ -98,11 +103,11 @@ def tetrahedralize(domain: Domain, sizing: PlacedSizes, coarseness: float = 1.0)
 
 
 def _mesh_with_growth(
-    domain: Domain, sizing: PlacedSizes, chord: float
+    domain: Domain, sizing: PlacedSizes, coarseness: float
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
     """Return what `_fill` does, with the first growth that Netgen can mesh with."""
     cause: Exception | None = None
-    places, sizes, per_radius = _with_cylinders(domain, sizing, chord)
+    places, sizes, per_radius = _with_curved_faces(domain, sizing, coarseness)
     for growth in GROWTHS:
         asked = (places / MM, sizes / MM, min(sizing.growth, growth), sizing.largest / MM, per_radius)
         try:
@@ -112,24 +117,39 @@ def _mesh_with_growth(
     raise NoMesh("Netgen made no mesh of the solid") from cause
 
 
-def _with_cylinders(domain: Domain, sizing: PlacedSizes, share: float) -> tuple[FloatArray, FloatArray, float]:
-    """Return the places and edge lengths [m] of a field, and those of cylinders and cones, whose chords err by a share.
+def _with_curved_faces(domain: Domain, sizing: PlacedSizes, coarseness: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return the places and edge lengths [m] of a field, and those of curved faces, whose chords err by a share.
 
     Third are the edges per radius that Netgen is to put on faces that bend.
     """
     corners = np.vstack([face.points for face in domain.faces])
     diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
-    round_ = [face for face in domain.faces if face.radius]
-    large = [face for face in round_ if face.radius >= SMALL * diagonal]
-    places, sizes = [sizing.places], [sizing.sizes]
-    for face in large:
-        length = np.sqrt(8 * face.radius * share * diagonal)
-        if len(large) < len(round_):
-            length = min(length, face.radius / PER_RADIUS)
-        places.append(face.points)
-        sizes.append(np.full(len(face.points), length))
-    per_radius = PER_RADIUS if len(large) == len(round_) else NEXT_TO_NONE
-    return np.vstack(places), np.concatenate(sizes), per_radius
+    bends = np.vstack(
+        [
+            np.column_stack([face.points, np.full(len(face.points), face.radius)]) if face.radius else face.bends
+            for face in domain.faces
+        ]
+    )
+    large = bends[:, 3] >= SMALL * diagonal
+    per_radius = PER_RADIUS if large.all() else NEXT_TO_NONE
+    bends = bends[large]
+    at_hinges = CHORD_AT_HINGES * _adjacent_hinge(domain, bends[:, :3]) * coarseness ** (2 * NECK_POWER)
+    lengths = np.sqrt(8 * bends[:, 3] * np.minimum(CHORD * diagonal * coarseness**2, at_hinges))
+    if not large.all():
+        lengths = np.minimum(lengths, bends[:, 3] / PER_RADIUS)
+    return np.vstack([sizing.places, bends[:, :3]]), np.concatenate([sizing.sizes, lengths]), per_radius
+
+
+def _adjacent_hinge(domain: Domain, places: FloatArray) -> FloatArray:
+    """Return the thickness of the hinge that each place (n, 3) is no farther from than that, or else infinity."""
+    found, thin = np.full(len(places), np.inf), domain.thin
+    if thin is None:
+        return found
+    for hinge, on in zip(thin.hinges, thin.chosen, strict=True):
+        across = thin.points[on] + thin.inward[on] * thin.thickness[on, None]
+        away, _ = cKDTree(np.vstack([thin.points[on], across])).query(places)
+        found = np.where(away <= hinge.thickness, np.minimum(found, hinge.thickness), found)
+    return found
 
 
 def _fill(

@@ -14,9 +14,14 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
+from flexdesign.core.errors import InputError
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Most triangles of one tessellated cylinder: some seconds and 100 MB. The notched lever of `studies.error_bars` has
+#: 3400; a hinge of some nanometres next to a large bore needs more than any memory holds.
+MOST = 200_000
 #: What the area of the new triangles may differ by from that of the kernel's, relative.
 AREA = 1e-3
 
@@ -62,6 +67,36 @@ def triangles_of(face: Any, chord: float, longest: float) -> tuple[FloatArray, I
     if (face.wrapped.Orientation().name == "TopAbs_REVERSED") != _left_handed(surface, kind):
         triangles = triangles[:, [0, 2, 1]]
     return np.array([(p.X(), p.Y(), p.Z()) for p in lifted]), triangles
+
+
+def split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
+    """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points.
+
+    Raises
+    ------
+    InputError
+        If that takes more than `MOST` triangles.
+    """
+    done, count = [], 0
+    while len(triangles):
+        count += len(triangles)
+        if count > MOST:
+            remedy = (
+                f"a round face needs more than {MOST} triangles with edges of at most {longest * 1e3:.2g} mm, which "
+                "the thinnest hinge asks for; make this hinge thicker, or the face smaller"
+            )
+            raise InputError("part", "solid", None, remedy)
+        sides = np.linalg.norm(points[np.roll(triangles, -1, axis=1)] - points[triangles], axis=2)
+        is_long = sides.max(axis=1) > longest
+        done.append(triangles[~is_long])
+        count -= int(is_long.sum())
+        first = sides[is_long].argmax(axis=1)
+        a, b, c = np.take_along_axis(triangles[is_long], (first[:, None] + np.arange(3)) % 3, axis=1).T
+        middle = len(points) + np.arange(len(a))
+        points = np.concatenate([points, (points[a] + points[b]) / 2])
+        triangles = np.concatenate([np.column_stack([a, middle, c]), np.column_stack([middle, b, c])])
+    places, number = np.unique(points, axis=0, return_inverse=True)  # neighbours halve the same side to the same point
+    return places, number.reshape(-1)[np.concatenate(done)]
 
 
 def _left_handed(surface: Any, kind: str) -> bool:

@@ -24,7 +24,7 @@ from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
 from flexdesign.fem.meshing import crossing, developed, section, thin_regions
 from flexdesign.fem.meshing.crossing import Crossings
 from flexdesign.fem.meshing.section import Section
-from flexdesign.fem.meshing.surface import radius_of
+from flexdesign.fem.meshing.surface import bends_of, radius_of
 from flexdesign.fem.meshing.thin_regions import ThinRegions
 
 MM = 1e-3
@@ -34,9 +34,6 @@ CHORD = 1e-2
 #: kernel's triangles reach across the width; the unstructured mesher took ten times as long for such needles, and
 #: strayed from every third notch by more than its envelope. Fillets are smaller, and their triangles too many.
 LONGEST = 1.5
-#: Most triangles of one tessellated cylinder: some seconds and 100 MB. The notched lever of `studies.error_bars` has
-#: 3400; a hinge of some nanometres next to a large bore needs more than any memory holds.
-MOST = 200_000
 #: Of a part that names no hinges: chords in those of others, and how far points on its faces are apart at most, in
 #: diagonals of the solid.
 COARSER, APART = 2.0, 0.1
@@ -70,6 +67,8 @@ class Face:
     axis, radius
         Of a cylinder, a point and direction of its axis, shape (2, 3) [m], and its radius [m]; of a cone only its
         radius half-way along it; else None and 0.
+    bends
+        Of other curved faces, places on it and the smallest radius of curvature there, shape (k, 4) [m].
     """
 
     points: FloatArray
@@ -78,6 +77,7 @@ class Face:
     offset: float = 0.0
     axis: FloatArray | None = None
     radius: float = 0.0
+    bends: FloatArray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
 
 
 @dataclass(frozen=True)
@@ -308,10 +308,11 @@ def _face(face: Any, chord: float, thinnest: float) -> Face:
         )
         radius = cylinder.Radius() * MM
         if radius >= thinnest:
-            points, corners = _split(points, corners, LONGEST * float(np.sqrt(8 * radius * CHORD * thinnest)))
+            points, corners = developed.split(points, corners, LONGEST * float(np.sqrt(8 * radius * CHORD * thinnest)))
             points = _on_cylinder(points, axis, radius)
         return Face(points, corners, None, axis=axis, radius=radius)
-    return Face(points, corners, None, radius=radius_of(BRepAdaptor_Surface(face.wrapped)) * MM)
+    radius = radius_of(BRepAdaptor_Surface(face.wrapped)) * MM
+    return Face(points, corners, None, radius=radius, bends=np.zeros((0, 4)) if radius else bends_of(face) * MM)
 
 
 def _even_face(face: Any, chord: float, size: float) -> Face:
@@ -326,39 +327,9 @@ def _even_face(face: Any, chord: float, size: float) -> Face:
         longest = min(longest, float(np.sqrt(8 * tessellated.radius * chord)))
     made = developed.triangles_of(face, chord / MM, longest / MM)
     if made is None and tessellated.radius:
-        points, triangles = _split(tessellated.points, tessellated.triangles, longest)
+        points, triangles = developed.split(tessellated.points, tessellated.triangles, longest)
         return replace(tessellated, points=points, triangles=triangles)
     return tessellated if made is None else replace(tessellated, points=made[0] * MM, triangles=made[1])
-
-
-def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
-    """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points.
-
-    Raises
-    ------
-    InputError
-        If that takes more than `MOST` triangles.
-    """
-    done, count = [], 0
-    while len(triangles):
-        count += len(triangles)
-        if count > MOST:
-            remedy = (
-                f"a round face needs more than {MOST} triangles with edges of at most {longest / MM:.2g} mm, which the "
-                "thinnest hinge asks for; make this hinge thicker, or the face smaller"
-            )
-            raise InputError("part", "solid", None, remedy)
-        sides = np.linalg.norm(points[np.roll(triangles, -1, axis=1)] - points[triangles], axis=2)
-        is_long = sides.max(axis=1) > longest
-        done.append(triangles[~is_long])
-        count -= int(is_long.sum())
-        first = sides[is_long].argmax(axis=1)
-        a, b, c = np.take_along_axis(triangles[is_long], (first[:, None] + np.arange(3)) % 3, axis=1).T
-        middle = len(points) + np.arange(len(a))
-        points = np.concatenate([points, (points[a] + points[b]) / 2])
-        triangles = np.concatenate([np.column_stack([a, middle, c]), np.column_stack([middle, b, c])])
-    places, number = np.unique(points, axis=0, return_inverse=True)  # neighbours halve the same side to the same point
-    return places, number.reshape(-1)[np.concatenate(done)]
 
 
 def _on_cylinder(points: FloatArray, axis: FloatArray, radius: float) -> FloatArray:

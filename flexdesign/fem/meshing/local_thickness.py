@@ -15,6 +15,7 @@ power 4, hence with c^(4/3): measured by c, it lies within the bracket of orders
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -27,7 +28,7 @@ from flexdesign.core.model import Member
 from flexdesign.design.mirror import mirrored
 from flexdesign.fem import convergence
 from flexdesign.fem.convergence import MeshNoise
-from flexdesign.fem.meshing import conforming, methods
+from flexdesign.fem.meshing import conforming, methods, resolution_gate
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, signed_volumes, tetrahedralize
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
@@ -47,12 +48,10 @@ CHORD = 1e-3
 #: end: a chamfer in place of a fillet of 0.1 thicknesses stiffens a leaf 40 thicknesses long by less than 0.2 %.
 #: On coarse meshes edges across fillets are no longer, as chords thicken the leaf.
 LEAST_FILLET, ACROSS_FILLET = 0.15, 2 / 3
-#: Edges at curved necks change with the coarseness to this power.
-NECK_POWER = 1 / 3
 #: Growth of the edge length per distance, and the largest edge in diagonals of the solid.
 GROWTH, LARGEST = 0.45, 0.08
 #: Largest relative deviation of a hinge's thickness: place by place, and of the whole hinge in bending.
-PLACE_LIMIT, BENDING_LIMIT = 1e-2, 5e-3
+PLACE_LIMIT, BENDING_LIMIT = 1e-2, resolution_gate.CURVED_LIMIT
 #: Places at which a hinge is measured on a mesh, and elements across it at least.
 MEASURED, LEAST_ACROSS = 400, 2.0
 #: So often the mesher improves its mesh; later passes split and join the same elements in turn.
@@ -234,7 +233,7 @@ class LocalThickness:
         thin, factor = self.thin, self.at_root / AT_ROOT * coarseness
         largest = (self.largest or LARGEST * self._diagonal) * coarseness
         chord = np.sqrt(8 * thin.curved * CHORD / self._neck_thickness)
-        at_necks = np.minimum(SHARES["neck"] * self.at_root / AT_ROOT, chord) * coarseness**NECK_POWER
+        at_necks = np.minimum(SHARES["neck"] * self.at_root / AT_ROOT, chord) * coarseness**conforming.NECK_POWER
         shares = np.where(self._curved, at_necks, SHARES["plate"] * factor)
         sizes = shares * thin.thickness
         places = np.vstack([thin.points, thin.points + thin.inward * thin.thickness[:, None] / 2, thin.roots.places])
@@ -255,7 +254,7 @@ class LocalThickness:
         Raises
         ------
         MeshError
-            If one is off by more than its limit, missing, or not resolved.
+            If one is missing, or not resolved; `require` judges how far they are off.
         """
         thin, rays = self.thin, self._rays(mesh)
         kept = [each for each in zip(thin.hinges, thin.chosen, strict=True) if self._keeps(each[0])]
@@ -264,12 +263,6 @@ class LocalThickness:
             name, thickness = found.hinge.name, found.hinge.thickness * 1e3
             if np.isnan(found.deviation):
                 raise MeshError(f"{name} is missing in the mesh; reduce mesh.envelope")
-            if found.deviation > found.limit or abs(found.bending) > BENDING_LIMIT:
-                off = max(found.deviation, abs(found.bending))
-                raise MeshError(
-                    f"{name} is off its {thickness:.3g} mm by {100 * off:.2g} % (limit {100 * found.limit:g} % at a "
-                    f"place, {100 * BENDING_LIMIT:g} % in bending); reduce mesh.at_root or mesh.envelope"
-                )
             if found.across < LEAST_ACROSS:
                 raise MeshError(
                     f"{name} of {thickness:.3g} mm has {found.across:.2g} elements across its curved neck, "
@@ -353,6 +346,30 @@ class LocalThickness:
     @property
     def _envelope(self) -> float:
         return self.envelope * self.thin.thinnest
+
+
+def require(checks: Sequence[HingeCheck]) -> None:
+    """Refuse a mesh whose hinges are off their thickness by more than what they hold of the strain energy allows.
+
+    Thin regions of an ordinary part may hold next to none, and are no hinges then: deviations times shares add up to
+    no more than what is allowed of a hinge that a part names. Of a region that holds a tenth or more that is no less
+    strict than `PLACE_LIMIT`.
+
+    Raises
+    ------
+    MeshError
+        About the hinge that matters most.
+    """
+    off = [check for check in checks if not check.passed]
+    if sum(check.weighed for check in off) > resolution_gate.FLAT_LIMIT:
+        found = max(off, key=lambda check: check.weighed)
+        most = max(found.deviation, abs(found.bending))
+        held = f", and holds up to {100 * found.share:.2g} % of the strain energy" if found.share < 1 else ""
+        raise MeshError(
+            f"{found.hinge.name} is off its {found.hinge.thickness * 1e3:.3g} mm by {100 * most:.2g} % (limit "
+            f"{100 * found.limit:g} % at a place, {100 * BENDING_LIMIT:g} % in bending){held}; reduce mesh.at_root or "
+            "mesh.envelope"
+        )
 
 
 def thin_out(places: FloatArray, sizes: FloatArray) -> NDArray[np.int64]:

@@ -53,6 +53,8 @@ class HingeCheck:
         The largest deviation allowed.
     across
         Elements across a curved neck; infinite for leaves, of which nothing is asked.
+    share
+        The largest share of the strain energy that the hinge holds under any load on the output.
     """
 
     hinge: Member
@@ -60,11 +62,22 @@ class HingeCheck:
     bending: float
     limit: float
     across: float = math.inf
+    share: float = 1.0
 
     @property
     def passed(self) -> bool:
         """Whether the deviations are within their limits."""
         return self.deviation <= self.limit and abs(self.bending) <= CURVED_LIMIT  # false for NaN
+
+    @property
+    def weighed(self) -> float:
+        """The larger deviation times the share: what a hinge that holds all of the strain energy would be off by."""
+        return self.share * max(self.deviation, abs(self.bending))
+
+    @property
+    def stiffness_error(self) -> float:
+        """How far the deviation may put stiffness off, relative: in bending it goes with the cube of the thickness."""
+        return 3 * self.share * abs(self.bending)
 
     @property
     def resolved(self) -> bool:

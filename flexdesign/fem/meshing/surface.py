@@ -25,7 +25,8 @@ class Surface:
     normals
         Outward unit normal of each face where it is plane, NaN elsewhere, shape (faces, 3).
     radii
-        Of each face that is a cylinder, or of a cone half-way along it [m]; infinite elsewhere, shape (faces,).
+        Of each face that is a cylinder, of a cone half-way along it, of the smaller circle of a torus, as of a notch
+        that was turned [m]; infinite elsewhere, shape (faces,).
     closed
         Which faces belong to cylinders or cones that are whole circles, shape (faces,).
     """
@@ -101,6 +102,8 @@ def surface_of(solid: Any, chord: float) -> Surface:
         radii.append(np.inf)
         if kind in ("CYLINDER", "CONE"):
             radii[-1], arcs[index] = radius_of(bent) * mm, _arc(bent)
+        elif kind == "TORUS":
+            radii[-1] = bent.Torus().MinorRadius() * mm
     stacked = np.vstack(points)
     _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
     welded = inverse.reshape(-1)[np.vstack(triangles)]
@@ -120,6 +123,30 @@ def radius_of(bent: Any) -> float:
         return 0.0
     middle, cone = (bent.FirstVParameter() + bent.LastVParameter()) / 2, bent.Cone()
     return float(abs(cone.RefRadius() + middle * np.sin(cone.SemiAngle())))
+
+
+def bends_of(face: Any) -> FloatArray:
+    """Return the nodes of the triangles of a CadQuery face, and the smallest radius of curvature there, (k, 4) [mm].
+
+    Left out are nodes where the face is flat, or where its curvature is not defined.
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepLProp import BRepLProp_SLProps
+    from OCP.TopLoc import TopLoc_Location
+
+    known = BRep_Tool.Triangulation_s(face.wrapped, TopLoc_Location())
+    if known is None or not known.HasUVNodes():
+        return np.zeros((0, 4))
+    local, found = BRepLProp_SLProps(BRepAdaptor_Surface(face.wrapped), 2, 1e-9), []
+    for i in range(known.NbNodes()):
+        node = known.UVNode(i + 1)
+        local.SetParameters(node.X(), node.Y())
+        bend = max(abs(local.MaxCurvature()), abs(local.MinCurvature())) if local.IsCurvatureDefined() else 0.0
+        if bend > 0:
+            place = local.Value()
+            found.append((place.X(), place.Y(), place.Z(), 1 / bend))
+    return np.array(found).reshape(-1, 4)
 
 
 def _arc(bent: Any) -> tuple[float, ...]:

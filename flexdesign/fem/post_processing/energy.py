@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 
 #: The region of what belongs to no member.
 BLOCKS = "block"
+#: Elements whose strains are held in memory at once.
+CHUNK = 20_000
 
 
 def by_region(
@@ -60,6 +62,49 @@ def by_region(
     rest, blocks = _sum(densities, left), found.get(BLOCKS, (0.0, 0.0, 0.0))
     found[BLOCKS] = (rest[0] + blocks[0], rest[1] + blocks[1], rest[2] + blocks[2])
     return found
+
+
+def between(body: Elasticity, fields: FloatArray, elements: NDArray[np.bool_]) -> FloatArray:
+    """Return twice the strain energy that some elements hold, as a quadratic form of load cases.
+
+    Parameters
+    ----------
+    body
+        The discretised domain.
+    fields
+        Nodal displacements of k load cases, shape (n_dofs, k).
+    elements
+        Which elements, shape (m,).
+
+    Returns
+    -------
+    ndarray
+        Shape (k, k); under the sum of the cases times factors c the elements hold c^T E c / 2.
+    """
+    barycentric, weights = stress_points()
+    chosen, total = np.flatnonzero(elements), np.zeros((fields.shape[1],) * 2)
+    displacements = [field.reshape(-1, 3) for field in fields.T]
+    for some in np.array_split(chosen, len(chosen) // CHUNK + 1):
+        strains = np.array([body.strain(each, barycentric, some) for each in displacements])
+        stresses = np.array([body.stress(each, barycentric, some) for each in displacements])
+        scale = body.barycentric_gradients[1][some, None] * weights
+        total += np.einsum("aeqij,beqij,eq->ab", stresses, strains, scale, optimize=True)
+    return total
+
+
+def largest_share(part: FloatArray, whole: FloatArray) -> float:
+    """Return the largest share of the whole energy that a part holds under any mixture of load cases.
+
+    Both are quadratic forms (k, k). Load cases that do next to nothing, as of another symmetry class, are left out.
+    """
+    scale = np.sqrt(np.maximum(np.diag(whole), 0.0))
+    does = scale > 1e-6 * scale.max(initial=0.0)
+    if not does.any():
+        return 0.0
+    part, whole = (form[np.ix_(does, does)] / np.outer(scale[does], scale[does]) for form in (part, whole))
+    values, vectors = np.linalg.eigh((whole + whole.T) / 2)
+    vectors = vectors[:, values > 1e-9] / np.sqrt(values[values > 1e-9])
+    return float(np.clip(np.linalg.eigvalsh(vectors.T @ (part + part.T) / 2 @ vectors)[-1], 0.0, 1.0))
 
 
 def _sum(densities: Sequence[FloatArray], inside: NDArray[np.bool_]) -> tuple[float, float, float]:

@@ -9,6 +9,7 @@ from typing import Any
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.report.document import Fact
+from flexdesign.report.validation import solid_section
 from flexdesign.report.validation.stage_text import Axes
 from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
@@ -108,6 +109,7 @@ def warnings(validation: Validation) -> list[str]:
         )
     if validation.unresolved_fillet:
         remarks.append(validation.unresolved_fillet)
+    remarks += solid_section.geometric_errors(validation)
     changes = [
         f"{name_of(q)} {format_quantity(q)}"
         for q in found.values()

@@ -43,6 +43,18 @@ def section(validation: Validation) -> Section:
     return Section("The solid", [*notes, text], [_ports(part), regions])
 
 
+def geometric_errors(validation: Validation) -> list[str]:
+    """Return what is said of thin regions that the finest mesh makes thicker or thinner than they are."""
+    return [
+        f"Geometric error: {check.hinge.name} is off its {units.to_text(check.hinge.thickness, 'mm', si='m')} by "
+        f"{100 * check.deviation:.2g} % at places and {100 * abs(check.bending):.2g} % in bending on the finest mesh, "
+        f"more than a hinge may. It holds up to {100 * check.share:.2g} % of the strain energy under any load on the "
+        f"output, so that stiffness is off by up to {100 * check.stiffness_error:.2g} %; reduce mesh.at_root for less."
+        for check in validation.finest.hinges
+        if not check.passed
+    ]
+
+
 def _ports(part: StepPart) -> Table:
     """Return which faces are ports, in the coordinates of the file."""
     rows = []

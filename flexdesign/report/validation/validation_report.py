@@ -83,6 +83,8 @@ def result(validation: Validation) -> dict[str, Any]:
                 "unit": "m",
                 "deviation": h.deviation,
                 "limit": h.limit,
+                "bending": h.bending,
+                "strain_energy_share": h.share,
             }
             for h in validation.finest.hinges
         ],
