@@ -20,6 +20,7 @@ from flexdesign.fem.meshing.local_extrusion import LocalExtrusion
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading
+from flexdesign.fem.meshing.surface import Surface, surface_of
 from flexdesign.fem.quantities.port_stiffness import matrices, port_stiffness
 from tests.fem.solids import PORTS, notched
 
@@ -320,6 +321,21 @@ def test_meshes_of_a_plate_without_hinges_shrink_as_asked_at_its_bore_too(tmp_pa
     assert isinstance(method, LocalThickness)
     assert not method.thin.hinges
     assert method.finest_edge(2.0) == pytest.approx(2 * method.finest_edge(1.0))
+
+
+def test_thin_places_between_planes_ask_for_no_fine_chords_on_balls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cavity 20 um below a face of a block with round corners: the thickness is exact however coarse the corners are."""
+    chords = list[float]()
+
+    def noted(solid: object, chord: float) -> Surface:
+        chords.append(chord)
+        return surface_of(solid, chord)
+
+    monkeypatch.setattr(thin_regions, "surface_of", noted)
+    block = cq.Workplane().box(20, 20, 10).edges().fillet(2)
+    found = thin_regions.find(block.cut(cq.Workplane().box(8, 4, 4).translate((0, 0, 2.98))).val())
+    assert found.thinnest == pytest.approx(20e-6, rel=1e-6)
+    assert min(chords) > thin_regions.TRUE * 1e-3
 
 
 def test_a_block_has_no_thin_region() -> None:
