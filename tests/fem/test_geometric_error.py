@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cadquery as cq
 import numpy as np
@@ -108,7 +109,20 @@ def test_a_deviation_is_weighed_by_the_energy_it_concerns(
 def test_a_deviation_that_is_borne_is_stated_with_its_consequence() -> None:
     """Off by 2 % in bending with 1 % of the energy, stiffness is off by 3 times 2 % times 1 % at most."""
     checks = [HingeCheck(HINGE, 0.05, -0.02, 0.01, share=0.01), HingeCheck(HINGE, 0.001, 0.0, 0.01)]
-    (said,) = solid_section.geometric_errors(SimpleNamespace(finest=SimpleNamespace(hinges=checks)))  # type: ignore[arg-type]
+    (said,) = solid_section.geometric_errors(validated(checks, volume=1.0))
     assert (
         "thin_1" in said and "5 % at places and 2 % in bending" in said and "stiffness is off by up to 0.06 %" in said
     )
+
+
+@pytest.mark.parametrize(("volume", "said"), [(1.001, ""), (0.999, ""), (1.003, "by +0.3 %"), (0.99, "by -1 %")])
+def test_a_mesh_of_another_volume_than_the_solid_is_stated(volume: float, said: str) -> None:
+    found = solid_section.geometric_errors(validated([], volume))
+    assert len(found) == bool(said)
+    assert said in "".join(found)
+
+
+def validated(checks: list[HingeCheck], volume: float) -> Any:
+    """What is read of a validation whose finest mesh has a volume, in that of the solid."""
+    finest = SimpleNamespace(hinges=checks, mesh=SimpleNamespace(volume=2e-6 * volume))
+    return SimpleNamespace(finest=finest, domain=SimpleNamespace(volume=2e-6))

@@ -324,7 +324,7 @@ def test_meshes_of_a_plate_without_hinges_shrink_as_asked_at_its_bore_too(tmp_pa
 
 
 def test_thin_places_between_planes_ask_for_no_fine_chords_on_balls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cavity 20 um below a face of a block with round corners: the thickness is exact however coarse the corners are."""
+    """A cavity 20 um below a face of a block with round corners: coarse corners leave the thickness exact."""
     chords = list[float]()
 
     def noted(solid: object, chord: float) -> Surface:

@@ -109,7 +109,8 @@ def warnings(validation: Validation) -> list[str]:
         )
     if validation.unresolved_fillet:
         remarks.append(validation.unresolved_fillet)
-    remarks += solid_section.geometric_errors(validation)
+    if validation.domain.thin is not None:
+        remarks += solid_section.geometric_errors(validation)
     changes = [
         f"{name_of(q)} {format_quantity(q)}"
         for q in found.values()

@@ -8,8 +8,13 @@ from flexdesign.core import units
 from flexdesign.design.faces import in_mm
 from flexdesign.design.part import in_file
 from flexdesign.design.step_part import StepPart
+from flexdesign.fem.mesh_refinement import Level
 from flexdesign.report.document import Section, Table
 from flexdesign.workflows.validation import Validation
+
+#: Volumes that differ by more than this, relative, are worth a warning: twice the thousandth or so that chords on
+#: curved faces leave (`conforming.CHORD`).
+VOLUME = 2e-3
 
 
 def section(validation: Validation) -> Section:
@@ -43,9 +48,20 @@ def section(validation: Validation) -> Section:
     return Section("The solid", [*notes, text], [_ports(part), regions])
 
 
+def volume_deviation(validation: Validation, level: Level) -> float:
+    """Return by how much the volume of a mesh differs from that of the solid, relative."""
+    return level.mesh.volume / validation.domain.volume - 1
+
+
 def geometric_errors(validation: Validation) -> list[str]:
-    """Return what is said of thin regions that the finest mesh makes thicker or thinner than they are."""
-    return [
+    """Return what is said of a solid from a file whose volume, or thin regions, the finest mesh does not have."""
+    off = volume_deviation(validation, validation.finest)
+    volume = (
+        f"Geometric error: the volume of the finest mesh differs from that of the solid by {100 * off:+.2g} %. Mass "
+        "and stiffness are off by about as much, and the estimated discretisation error need not contain it; reduce "
+        "mesh.at_root for less."
+    )
+    return [volume] * (abs(off) > VOLUME) + [
         f"Geometric error: {check.hinge.name} is off its {units.to_text(check.hinge.thickness, 'mm', si='m')} by "
         f"{100 * check.deviation:.2g} % at places and {100 * abs(check.bending):.2g} % in bending on the finest mesh, "
         f"more than a hinge may. It holds up to {100 * check.share:.2g} % of the strain energy under any load on the "

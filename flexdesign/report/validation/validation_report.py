@@ -71,6 +71,7 @@ def result(validation: Validation) -> dict[str, Any]:
                 "edge_at_roots": with_unit(level.size, "m"),
                 **_of_input(level.solution.compliance),
                 "K_out_input_free": with_unit(level.solution.compliance.output_stiffness(0.0), "N/m"),
+                "volume_deviation": solid_section.volume_deviation(validation, level),
                 "checks": vars(level.solution.checks),
                 "cached": level.cached,
             }
