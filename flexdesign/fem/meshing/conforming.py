@@ -25,10 +25,9 @@ IntArray = NDArray[np.int64]
 #: diagonals of the solid: volume and mass are then off by about a thousandth. It falls with the square of the edge
 #: length, as chords do.
 PER_RADIUS, CHORD = 1.5, 3e-4
-#: Edges at curved necks and next to hinges change with the coarseness to this power. On curved faces next to a hinge
-#: the chord error on the finest mesh in its thickness, or such a face would reach into it: Netgen's edges are up to 1.5
-#: times as long as asked, and the coarsest of three meshes passes the gate.
-NECK_POWER, CHORD_AT_HINGES = 1 / 3, 2e-3
+#: On curved faces next to a hinge the chord error on the finest mesh in its thickness, or such a face would reach into
+#: it: Netgen's edges are up to 1.5 times as long as asked, and the two finer of three meshes pass the gate.
+CHORD_AT_HINGES = 1.5e-3
 #: Curved faces of smaller radius, in diagonals of the solid, are fillets, which places ask for where they matter: with
 #: as many edges per radius, a rounding of 0.02 mm had more elements than all the rest. Of a solid that has any, Netgen
 #: itself is asked for next to no edges per radius, and places on the other faces ask for them instead.
@@ -133,8 +132,8 @@ def _with_curved_faces(domain: Domain, sizing: PlacedSizes, coarseness: float) -
     large = bends[:, 3] >= SMALL * diagonal
     per_radius = PER_RADIUS if large.all() else NEXT_TO_NONE
     bends = bends[large]
-    at_hinges = CHORD_AT_HINGES * _adjacent_hinge(domain, bends[:, :3]) * coarseness ** (2 * NECK_POWER)
-    lengths = np.sqrt(8 * bends[:, 3] * np.minimum(CHORD * diagonal * coarseness**2, at_hinges))
+    chords = np.minimum(CHORD * diagonal, CHORD_AT_HINGES * _adjacent_hinge(domain, bends[:, :3])) * coarseness**2
+    lengths = np.sqrt(8 * bends[:, 3] * chords)
     if not large.all():
         lengths = np.minimum(lengths, bends[:, 3] / PER_RADIUS)
     return np.vstack([sizing.places, bends[:, :3]]), np.concatenate([sizing.sizes, lengths]), per_radius

@@ -48,6 +48,8 @@ CHORD = 1e-3
 #: end: a chamfer in place of a fillet of 0.1 thicknesses stiffens a leaf 40 thicknesses long by less than 0.2 %.
 #: On coarse meshes edges across fillets are no longer, as chords thicken the leaf.
 LEAST_FILLET, ACROSS_FILLET = 0.15, 2 / 3
+#: Edges at curved necks change with the coarseness to this power.
+NECK_POWER = 1 / 3
 #: Growth of the edge length per distance, and the largest edge in diagonals of the solid.
 GROWTH, LARGEST = 0.45, 0.08
 #: Largest relative deviation of a hinge's thickness: place by place, and of the whole hinge in bending.
@@ -233,7 +235,7 @@ class LocalThickness:
         thin, factor = self.thin, self.at_root / AT_ROOT * coarseness
         largest = (self.largest or LARGEST * self._diagonal) * coarseness
         chord = np.sqrt(8 * thin.curved * CHORD / self._neck_thickness)
-        at_necks = np.minimum(SHARES["neck"] * self.at_root / AT_ROOT, chord) * coarseness**conforming.NECK_POWER
+        at_necks = np.minimum(SHARES["neck"] * self.at_root / AT_ROOT, chord) * coarseness**NECK_POWER
         shares = np.where(self._curved, at_necks, SHARES["plate"] * factor)
         sizes = shares * thin.thickness
         places = np.vstack([thin.points, thin.points + thin.inward * thin.thickness[:, None] / 2, thin.roots.places])
