@@ -17,7 +17,6 @@ from scipy.stats import chi2
 from flexdesign.estimation.criterion import LEVEL, SHARE, explained_share, large_share
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
-from flexdesign.estimation.model_selection import model_comparison
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import (
@@ -64,16 +63,6 @@ def test_a_value_at_the_end_of_what_is_plausible_is_refused() -> None:
     step = forward(about, calibrated_stand(about), effects(d=candidate("d", between=(0.0, 0.2))))
     assert step.chosen is None
     assert reasons(step)["d",] == "d at the end of what is plausible"
-
-
-def test_what_the_covariance_does_not_determine_is_asked_of_the_profile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is refused as undetermined has the interval that is stated, or a reader sees one without the null."""
-    monkeypatch.setattr(model_comparison, "is_determined", lambda fit, effect: False)
-    about = task({"d": 0.3})
-    step = forward(about, calibrated_stand(about), effects())
-    assert step.chosen is not None and step.chosen.names == ("d",)
-    monkeypatch.setattr(model_comparison, "excludes_null", lambda fit, name: False)
-    assert "not determined" in reasons(forward(about, calibrated_stand(about), effects()))["d",]
 
 
 def test_what_does_not_help_on_runs_kept_apart_is_refused() -> None:

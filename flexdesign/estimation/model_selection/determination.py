@@ -53,11 +53,6 @@ def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
     return fit, ()
 
 
-def excludes_null(fit: FittedModel, name: str) -> bool:
-    """Tell whether the interval of a strength, as it is stated, excludes the null."""
-    return _excludes_null(fit, _strength(fit, name))
-
-
 def _strength(fit: FittedModel, name: str) -> Estimate:
     """Return a strength with its interval by the profile likelihood, as the covariance may mislead in imitations.
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate
-from flexdesign.estimation.model_selection.determination import excludes_null, relevant_ends
+from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, largest_difference, without_effect
 from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns
@@ -115,12 +115,8 @@ def compare(
         tolerance=task.tolerance,
         trace=min((_trace(before, after, effect) for effect in added), default=math.inf),
         at_bound=tuple(effect.strength for effect in added if effect.strength in bounds),
+        open=tuple(effect.strength for effect in added if not is_determined(after, effect)),
     )
-    if (
-        not evidence.refusal
-    ):  # the covariance may mislead, as in the strength of a mode with the gain; a profile takes time
-        doubtful = [effect.strength for effect in added if not is_determined(after, effect)]
-        evidence = replace(evidence, open=tuple(name for name in doubtful if not excludes_null(after, name)))
     gain = min(gain, evidence.trace)
     return Trial(names, after, gain, share, errors[1], evidence.needed, score, evidence.refusal, evidence.is_small)
 
