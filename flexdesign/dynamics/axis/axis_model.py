@@ -364,12 +364,9 @@ class AxisDynamics:
 
     @cached_property
     def _remembers(self) -> bool:
-        """Whether an effect has a memory of where the voltage had turned; that of modes and filters is short.
-
-        Linear states that relax, as of creep, begin in a state of their own that a record gives, see `Block.relaxing`.
-        """
+        """Whether an effect has a memory of where the voltage had turned; that of modes and filters is short."""
         faces = (face for name in self.axis.effects for face in effects.find(name).faces)
-        return any(isinstance(face, Block) and bool(face.states or face.memory) and not face.relaxing for face in faces)
+        return any(isinstance(face, Block) and bool(face.states or face.memory) for face in faces)
 
     @cached_property
     def _is_disturbed(self) -> bool:
