@@ -54,8 +54,8 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     Header lines are those before the first row of numbers that have as many cells, whatever their number: a line whose
     cells are all units gives the units, the line above it the names. A unit may stand in its name's cell, ``x [um]``,
     ``x (um)`` or ``x_um``: see `header_cells`. Columns without a name are called ``column 1`` and so on; those of words
-    are left out, and one that holds a single number is that number. Empty cells, and words for a number, are
-    NaN. Times of day become seconds since the first.
+    are left out, and one that holds a single number is that number. Empty cells, and words where a number should be,
+    are NaN. Times of day become seconds since the first.
 
     Raises
     ------
