@@ -59,7 +59,8 @@ class Level:
     Parameters
     ----------
     size
-        Length of its edges at the hinge roots [m], by which results are extrapolated.
+        Of its elements [m], by which results are extrapolated: the edge length at the hinge roots, or the
+        representative cell size of a solid without hinges.
     mesh, solution
         The mesh of the fundamental domain, and what it gave.
     hinges

@@ -13,7 +13,7 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.toml_files import FORMAT, quote
 from flexdesign.design.faces import SolidFace, how_to_name, in_mm
 from flexdesign.design.step_file import StepBody
-from flexdesign.fem.meshing.surface import Surface, surface_of
+from flexdesign.fem.meshing.surface import Surface, surface_of, triangle_areas
 from flexdesign.fem.meshing.thin_regions import ThinRegions
 from flexdesign.report import pictures
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -150,8 +150,7 @@ def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) ->
 def _before(surface: Surface, face: SolidFace, distance: float) -> tuple[float, float, float]:
     """Return a point before the largest triangle of a face [m], so that the face does not hide a text there."""
     corners = surface.corners[surface.owners == face.index]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    x, y, z = corners[np.argmax(areas)].mean(axis=0) + distance * np.asarray(face.normal)
+    x, y, z = corners[np.argmax(triangle_areas(corners))].mean(axis=0) + distance * np.asarray(face.normal)
     return float(x), float(y), float(z)
 
 

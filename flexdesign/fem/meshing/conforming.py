@@ -18,12 +18,13 @@ from scipy.spatial import cKDTree
 from flexdesign.core import subprocess_call
 from flexdesign.fem.meshing.domain import MM, Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_volumes
+from flexdesign.fem.meshing.surface import triangle_areas
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Edges per radius on faces that bend where no place asks for finer ones, and their chord error on the finest mesh, in
-#: diagonals of the solid: volume and mass are then off by about a thousandth. It falls with the square of the edge
-#: length, as chords do.
+#: Edges per radius on faces that bend where no place asks for finer ones, and their chord error, in diagonals of the
+#: solid, both on the finest mesh: volume and mass are then off by about a thousandth. On coarser meshes edges grow as
+#: all others do, and the chord error with their square.
 PER_RADIUS, CHORD = 1.5, 3e-4
 #: On curved faces next to a hinge the chord error on the finest mesh in its thickness, or such a face would reach into
 #: it: Netgen's edges are up to 1.5 times as long as asked, and the two finer of three meshes pass the gate.
@@ -130,12 +131,12 @@ def _with_curved_faces(domain: Domain, sizing: PlacedSizes, coarseness: float) -
         ]
     )
     large = bends[:, 3] >= SMALL * diagonal
-    per_radius = PER_RADIUS if large.all() else NEXT_TO_NONE
+    per_radius = PER_RADIUS / coarseness if large.all() else NEXT_TO_NONE
     bends = bends[large]
     chords = np.minimum(CHORD * diagonal, CHORD_AT_HINGES * _adjacent_hinge(domain, bends[:, :3])) * coarseness**2
     lengths = np.sqrt(8 * bends[:, 3] * chords)
     if not large.all():
-        lengths = np.minimum(lengths, bends[:, 3] / PER_RADIUS)
+        lengths = np.minimum(lengths, bends[:, 3] / PER_RADIUS * coarseness)
     return np.vstack([sizing.places, bends[:, :3]]), np.concatenate([sizing.sizes, lengths]), per_radius
 
 
@@ -217,8 +218,7 @@ def _keep_volume(points: FloatArray, facets: IntArray, faces: IntArray, domain: 
         corners = radial[mine]
         edges = corners - np.roll(corners, 1, axis=1)
         short = (edges**2).sum(axis=(1, 2)) / (24 * face.radius)
-        whole = points[mine]
-        area = np.linalg.norm(np.cross(whole[:, 1] - whole[:, 0], whole[:, 2] - whole[:, 0]), axis=1)
+        area = triangle_areas(points[mine])
         weight, total = np.zeros(len(points)), np.zeros(len(points))
         np.add.at(weight, mine, area[:, None])
         np.add.at(total, mine, (area * short)[:, None])

@@ -217,9 +217,13 @@ class LocalThickness:
     def size(self, mesh: TaggedMesh, coarseness: float) -> float:
         """Return the edge length by which results are extrapolated [m].
 
-        The mean edge length near the thinnest places, as the mesher follows what is asked loosely; of curved necks that
-        of the finest mesh times the coarseness.
+        Without hinges the representative cell size, the cube root of the volume over the number of elements (Celik et
+        al. 2008, J. Fluids Eng. 130, 078001): fillets, whose edges change less than others, and where most edges are,
+        do not hide how much the mesh changes. Else the mean edge length near the thinnest places, as the mesher follows
+        what is asked loosely; of curved necks that of the finest mesh times the coarseness.
         """
+        if not self.thin.hinges:
+            return float(np.cbrt(mesh.volume / len(mesh.tets)))
         if self._curved.any():
             return self.finest_edge(1.0) * coarseness
         middles = self._thinnest_middles()

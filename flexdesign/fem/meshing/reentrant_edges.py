@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flexdesign.design.part import SymmetryPlane
-from flexdesign.fem.meshing.surface import Surface
+from flexdesign.fem.meshing.surface import Surface, triangle_areas
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -157,9 +157,8 @@ def _hollow(surface: Surface, largest: float) -> tuple[IntArray, FloatArray]:
     towards = corners[pairs[:, 1]].mean(axis=1) - surface.points[edges[:, 0]]
     concave = np.einsum("ij,ij->i", one, towards) > 0
     apart = faces[:, 0] != faces[:, 1]
-    double = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     length = np.linalg.norm(surface.points[edges[:, 1]] - surface.points[edges[:, 0]], axis=1)
-    radius = double[pairs].mean(axis=1) / length / np.maximum(bend, 1e-9)
+    radius = 2 * triangle_areas(corners)[pairs].mean(axis=1) / length / np.maximum(bend, 1e-9)
     radii = np.where(apart, 0.0, radius)
     chosen = concave & np.where(apart, bend > REENTRANT, radius <= largest)
     return edges[chosen], radii[chosen]

@@ -56,6 +56,13 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
 
+def triangle_areas(corners: FloatArray) -> FloatArray:
+    """Return the areas of triangles with corners of shape (m, 3, 3) [m], shape (m,) [m^2]."""
+    return np.asarray(
+        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    )
+
+
 class Rays:
     """Casts rays at triangles."""
 

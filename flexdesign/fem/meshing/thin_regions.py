@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from flexdesign.core.model import Member
 from flexdesign.fem.meshing import reentrant_edges
 from flexdesign.fem.meshing.reentrant_edges import ReentrantEdges
-from flexdesign.fem.meshing.surface import Rays, Surface, surface_of
+from flexdesign.fem.meshing.surface import Rays, Surface, surface_of, triangle_areas
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -165,7 +165,7 @@ def _true_surface(
 def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return places inside the triangles, about as far apart as wanted (m,), and the triangle of each."""
     corners = surface.corners
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    area = triangle_areas(corners)
     share = area / wanted**2
     count = np.maximum(np.ceil(share), 1.0)
     if count.sum() > MOST:  # as where all edges are rounded: not each of the many small triangles has a place

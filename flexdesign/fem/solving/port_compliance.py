@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from flexdesign.design.part import Port, SymmetryPlane
 from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.surface import triangle_areas
 from flexdesign.fem.solving.elasticity import Elasticity, quadrature, shape_functions
 from flexdesign.fem.solving.port_shapes import rigid_motions
 
@@ -174,7 +175,7 @@ def _loads(body: Elasticity, domain: Domain, port: Port) -> FloatArray:
     """Nodal forces of the six unit loads: int N R dA G^-1, with G over the whole face."""
     nodes = body.surface_nodes(body.mesh.on_face(domain.ports[port.name]))
     corners = body.positions[nodes[:, :3]]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    areas = triangle_areas(corners)
     barycentric, weights = quadrature(3, 4)
     places = np.einsum("qk,fki->fqi", barycentric, corners)
     rigid = rigid_motions(places, np.array(port.point))  # (f, q, 3, 6)

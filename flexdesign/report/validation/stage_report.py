@@ -289,7 +289,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
         },
         "meshes": [
             {
-                "edge_at_roots": with_unit(level.size, "m"),
+                "element_size": with_unit(level.size, "m"),
                 "unknowns": level.unknowns,
                 "kinds": [_kind(kind, name) for kind, (name, _) in zip(level.kinds, _kinds(validation), strict=True)],
             }

@@ -68,7 +68,7 @@ def result(validation: Validation) -> dict[str, Any]:
         "meshes": [
             {
                 **level.solution.facts,
-                "edge_at_roots": with_unit(level.size, "m"),
+                "element_size": with_unit(level.size, "m"),
                 **_of_input(level.solution.compliance),
                 "K_out_input_free": with_unit(level.solution.compliance.output_stiffness(0.0), "N/m"),
                 "volume_deviation": solid_section.volume_deviation(validation, level),
@@ -316,7 +316,7 @@ def _mesh(validation: Validation) -> Section:
         f"{accuracy_text.reached(validation.study.mesh.accuracy, validation.found)}"
     )
     of_input = ["K_in", "λ"] if validation.has_input else []
-    head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", *of_input, "K_out input free", "time"]
+    head = ["unknowns", "tetrahedra", "element size", "worst quality", *of_input, "K_out input free", "time"]
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
     tables = [
         Table(head, rows, "As solved, before extrapolation"),
