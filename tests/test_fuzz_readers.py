@@ -14,7 +14,7 @@ from studies.fuzz_readers.hunting import Finding, Hunt
 from studies.fuzz_readers.mutations import WAYS, damage
 
 #: Of each reader.
-INPUTS = 250
+INPUTS = 150
 
 
 @pytest.mark.parametrize("name", readers.READERS)

@@ -189,7 +189,7 @@ def test_a_case_is_always_the_same_and_of_another_seed_another() -> None:
     assert once.stage != other.stage and once.fault == other.fault
 
 
-@pytest.mark.parametrize("number", [60003, 62402])
+@pytest.mark.parametrize("number", [60003, pytest.param(62402, marks=pytest.mark.slow)])
 def test_the_hidden_effect_is_the_main_one(number: int) -> None:
     case = case_of(number)
     (name,) = case.effects

@@ -162,7 +162,9 @@ def test_a_lightly_damped_mode_that_rings_all_the_time_hides_nothing_and_is_noth
     assert calibrated["damping_ratio"] == pytest.approx(0.004, rel=0.02)
 
 
-@pytest.mark.parametrize("modes", list(STEADY))
+@pytest.mark.parametrize(
+    "modes", ["two", *(pytest.param(each, marks=pytest.mark.slow) for each in ("narrow", "below"))]
+)
 def test_modes_are_found_in_records_that_begin_while_they_ring(modes: str) -> None:
     """They are narrower than the steps of the catalogue's frequencies, and ring by more than the stroke."""
     truth = STEADY[modes]

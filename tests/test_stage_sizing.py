@@ -79,6 +79,7 @@ def test_the_report_says_what_the_numbers_prove(found: StageSizing) -> None:
     assert text.count("| met |") == 11
 
 
+@pytest.mark.slow
 def test_a_contradiction_is_missed_and_said() -> None:
     """K_in of (17) and K_in by elements cannot both be 2000 and 1800 N/mm: elasticity only softens."""
     override = ['targets.elements.K_in_x_table_free="2.0 N/um"', "iterations=1"]

@@ -266,6 +266,7 @@ def test_formula_and_fem_of_the_amplifier_bracket_what_the_stage_has(run: Run) -
         assert chain.stage == pytest.approx(chain.amplifier, rel=0.05)
 
 
+@pytest.mark.slow
 def test_thicker_limb_hinges_stiffen_formula_and_fem_alike(run: Run, thicker: Run) -> None:
     def springs(of: StageValidation) -> float:
         design = of.study.design
@@ -285,6 +286,7 @@ def test_thicker_limb_hinges_stiffen_formula_and_fem_alike(run: Run, thicker: Ru
     )  # they hardly bend as the table is lifted
 
 
+@pytest.mark.slow
 def test_thicker_limb_hinges_are_in_the_solid_and_in_the_report(run: Run, thicker: Run) -> None:
     """Sixteen leaves, 3.30 mm long and 10 mm high, are 0.07 mm thicker: the STEP files differ by as much metal."""
     import cadquery as cq
@@ -513,6 +515,7 @@ def assert_same(found: Quantity, known: Quantity) -> None:
     assert found.half_width == pytest.approx(known.half_width, abs=ROUNDING * abs(known.value) + NOTHING)
 
 
+@pytest.mark.slow
 def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """No other quantities and no other stage model, but for rounding; and another actuator makes no part anew."""
     settings, design = run.found.study.mesh.model_copy(update={"accuracy": 0.2}), run.found.study.design

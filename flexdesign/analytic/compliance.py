@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from flexdesign.effects.hinge_compliance import beam
 
 Array = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
+TermWithValues = tuple[Term, tuple[tuple[str, float], ...]]
 SOURCE = "compliance model"
 
 #: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
@@ -118,28 +119,33 @@ class ComplianceModel:
             raise InputError("design", "effects", None, f"nothing is left of {cut[0]}: it is cut through")
         return tuple(shaped.values())
 
+    @cached_property
+    def _elastic(self) -> Elastic:
+        """What material and width make of all members."""
+        return Elastic(self.base["modulus"] * self.youngs_modulus, self.poissons_ratio, self.base["constraint"])
+
+    @cached_property
+    def _terms(self) -> tuple[TermWithValues, ...]:
+        """The compliances that effects add to members."""
+        return tuple(
+            (face, tuple(self.effects[name].items()))
+            for name in sorted(self.effects)
+            for face in statics.find(name).faces
+            if isinstance(face, Term)
+        )
+
     def member_compliance(self, member: Member, *, out_of_plane: bool = False) -> Array:
         """Return what a member of true shape gives way, 3 by 3; out of its plane nothing does without effects."""
-        elastic = Elastic(self.base["modulus"] * self.youngs_modulus, self.poissons_ratio, self.base["constraint"])
-        total = np.zeros((3, 3)) if out_of_plane else _pseudo_rigid(member, elastic)
-        for name in sorted(self.effects):
-            for face in statics.find(name).faces:
-                if isinstance(face, Term) and (face.member_kind, face.out_of_plane) == (member.kind, out_of_plane):
-                    total = total + face.compliance(member, elastic, self.effects[name])
-        return total
+        mine = (member.kind, out_of_plane)
+        terms = tuple(each for each in self._terms if (each[0].member_kind, each[0].out_of_plane) == mine)
+        shape = replace(
+            member, name="", nodes=("", ""), start=(0.0, 0.0, 0.0), end=(round(member.length, 12), 0.0, 0.0)
+        )
+        return _member_compliance(shape, self._elastic, terms, out_of_plane)
 
     def _compliances(self, *, out_of_plane: bool = False) -> dict[str, Array]:
         """Return what every member gives way, by its name."""
-        found_once: dict[object, Array] = {}  # quarters are alike
-        compliances = {}
-        for member in self.members:
-            alike = replace(
-                member, name="", nodes=("", ""), start=(0.0, 0.0, 0.0), end=(round(member.length, 12), 0.0, 0.0)
-            )
-            if alike not in found_once:
-                found_once[alike] = self.member_compliance(member, out_of_plane=out_of_plane)
-            compliances[member.name] = found_once[alike]
-        return compliances
+        return {m.name: self.member_compliance(m, out_of_plane=out_of_plane) for m in self.members}
 
     # --- ports ------------------------------------------------------------------------------------------------
 
@@ -261,6 +267,19 @@ def seats(base: Mapping[str, float], stiffness: float) -> float:
     if stiffness == 0:
         return 0.0
     return base["contact_compliance"] + (base["actuator_compliance"] if math.isfinite(stiffness) else 0.0)
+
+
+@lru_cache(maxsize=10_000)
+def _member_compliance(shape: Member, elastic: Elastic, terms: tuple[TermWithValues, ...], out_of_plane: bool) -> Array:
+    """Return what a member gives way, with the compliances that effects add, and the values of their parameters.
+
+    A fit asks for the same again and again: quarters are alike, and most effects change few members.
+    """
+    total = np.zeros((3, 3)) if out_of_plane else _pseudo_rigid(shape, elastic)
+    for term, values in terms:
+        total = total + term.compliance(shape, elastic, dict(values))
+    total.flags.writeable = False
+    return total
 
 
 def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:
