@@ -249,7 +249,7 @@ def hidden(seed):
     return noisy([replace(row, value=v) for row, v in zip(rows, values, strict=True)], noise, seed)
 
 
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=[pytest.mark.slow] * (n >= 12)) for n in range(24)])
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=[pytest.mark.slow] * (n >= 8)) for n in range(24)])
 def test_a_diagnosis_never_contradicts_a_comparison(seed):
     table = hidden(seed)
     beside, found = comparison.compare(MODEL, table), diagnose.diagnose(MODEL, table)
