@@ -83,6 +83,17 @@ def test_a_rounding_outside_and_a_bore_are_no_fillets() -> None:
     assert np.all(found.radii == 0)
 
 
+def test_where_fillets_meet_none_is_smaller_than_they_are() -> None:
+    """In the corners single triangles seemed to follow radii between 0.06 and 1.9 mm, and a report named such a one."""
+    corner = cq.Workplane().box(20, 20, 4, centered=(True, True, False))
+    for wide, long, at in ((20, 4, (0, 8, 0)), (4, 20, (8, 0, 0))):
+        corner = corner.union(cq.Workplane().box(wide, long, 16, centered=(True, True, False)).translate(at))
+    inner = cq.selectors.BoxSelector((-10.1, -10.1, 3.9), (6.1, 6.1, 16.1))
+    radii = thin_regions.find(corner.edges(inner).fillet(0.5).val()).roots.radii
+    assert radii.min() == pytest.approx(0.5e-3, rel=2e-3)
+    assert radii.max() < 1e-3
+
+
 @pytest.mark.parametrize("extruded, resolved", [(True, 0.45), (False, 2 / 3)])
 def test_edges_asked_for_at_fillets(tmp_path: Path, extruded: bool, resolved: float) -> None:
     """Those of a sharp edge at a fillet that is as good as sharp, and shorter than the radius at one to be resolved."""

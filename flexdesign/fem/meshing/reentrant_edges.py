@@ -148,7 +148,8 @@ def _hollow(surface: Surface, largest: float) -> tuple[IntArray, FloatArray]:
     """Return the edges of triangles (k, 2) at which a surface turns inwards, and the radius with which it does (k,).
 
     Sharp edges between faces have none; on one face, triangles of heights a and b that meet at an angle follow a
-    cylinder whose radius is (a + b) / 2 over the angle. Larger radii are left out.
+    cylinder whose radius is (a + b) / 2 over the angle; of a free-form face, as where fillets meet, that scatters, and
+    the median over the face counts. Larger radii are left out.
     """
     edges, faces, pairs = pairs_at_edges(surface)
     outward, corners = surface.outward, surface.corners
@@ -161,6 +162,9 @@ def _hollow(surface: Surface, largest: float) -> tuple[IntArray, FloatArray]:
     radius = 2 * triangle_areas(corners)[pairs].mean(axis=1) / length / np.maximum(bend, 1e-9)
     radii = np.where(apart, 0.0, radius)
     chosen = concave & np.where(apart, bend > REENTRANT, radius <= largest)
+    for face in np.unique(faces[chosen & ~apart]):
+        on = chosen & ~apart & (faces[:, 0] == face)
+        radii[on] = np.median(radii[on])
     return edges[chosen], radii[chosen]
 
 
