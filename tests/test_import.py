@@ -450,6 +450,27 @@ def test_a_spreadsheet_is_to_be_exported(tmp_path: Path, name: str) -> None:
     assert said == f"{tmp_path / name}: is a spreadsheet; export the sheet as CSV, and import that"
 
 
+def test_json_is_to_be_written_as_columns(tmp_path: Path) -> None:
+    """Its one long line is longer than a cell of a table may be, also under another name."""
+    text = f'{{"data": [{", ".join(["[0.0, 0.1]"] * 20_000)}], "unit": "in"}}'
+    for name in ("log.json", "log.txt"):
+        (tmp_path / name).write_text(text)
+    said = refusal(lambda: importing.read_contents([tmp_path / "log.json"]))
+    assert said == f"{tmp_path / 'log.json'}: is JSON; write its lists as columns of a CSV file, and import that"
+    assert "has no row of numbers" in refusal(lambda: importing.read_contents([tmp_path / "log.txt"]))
+
+
+def test_lines_between_quotation_marks_are_rows(tmp_path: Path) -> None:
+    """So a table looks that was written as one column of text."""
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f'"{k}, {0.1 * k:g}, {-k}"\r\n' for k in range(12)))
+    found = importing.read_contents([path]).variables
+    assert list(found) == ["column 1", "column 2", "column 3"]
+    assert [float(found[name].values()[3]) for name in found] == pytest.approx([3.0, 0.3, -3.0])
+    path.write_text('"a b"\n' + "".join(f'"{k}"\n' for k in range(12)))
+    assert list(importing.read_contents([path]).variables) == ["a b"]
+
+
 def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 

@@ -63,7 +63,7 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
         If there are no rows of numbers, rows differ in length, or there are several tables and none is chosen.
     """
     lines = [line.rstrip("\r") for line in _decode(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
-    content = [line for line in lines if line.strip()]
+    content = _unquoted([line for line in lines if line.strip()])
     numbered = np.array(
         [k for k, line in enumerate(lines, start=1 + (dialect.skip or 0)) if line.strip()], dtype=np.intp
     )
@@ -216,6 +216,13 @@ def _decode(path: Path, encoding: str | None) -> str:
         raise InputError(path, "text.encoding", encoding, f"does not fit: {error}") from error
 
 
+def _unquoted(lines: Sequence[str]) -> list[str]:
+    """Return lines without the quotation marks about each whole line, as of a table that was written as one column."""
+    bare = [line.strip() for line in lines]
+    is_one_column = all(len(line) > 1 and line[0] == line[-1] == '"' and line.count('"') == 2 for line in bare)
+    return [line[1:-1] for line in bare] if is_one_column else list(lines)
+
+
 def _separator(lines: Sequence[str]) -> str:
     """Return the separator that gives most of the last lines one number of cells, more than one."""
     sample = lines[-SAMPLE:]
@@ -231,7 +238,10 @@ def _cells(line: str, separator: str) -> list[str]:
     if separator == " ":
         cells = line.split()
     elif '"' in line:  # a separator between quotation marks is none
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        try:
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error:  # a cell of more than 131 072 characters is none of a table
+            cells = line.split(separator)
     else:
         cells = line.split(separator)
     return [cell.strip().strip('"').strip() for cell in cells]

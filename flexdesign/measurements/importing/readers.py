@@ -26,8 +26,13 @@ READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
     ".npy": binary.numpy_array,
     ".npz": binary.numpy_archive,
 }
-#: Endings of spreadsheets, which are not read.
-SPREADSHEETS = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+#: What is not read, by the ending of the file, and the remedy.
+NOT_READ = {
+    **dict.fromkeys(
+        (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"), "is a spreadsheet; export the sheet as CSV, and import that"
+    ),
+    ".json": "is JSON; write its lists as columns of a CSV file, and import that",
+}
 #: Those whose libraries can take the whole process with them, and the package that is needed; SciPy is always there.
 APART = {
     ".mat": "scipy", ".h5": "h5py", ".hdf5": "h5py", ".hdf": "h5py",
@@ -95,8 +100,8 @@ def _open(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str,
             pass
     except OSError as error:
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
-    if ending in SPREADSHEETS:
-        raise InputError(path, "", None, "is a spreadsheet; export the sheet as CSV, and import that")
+    if ending in NOT_READ:
+        raise InputError(path, "", None, NOT_READ[ending])
     if ending not in READERS:
         return delimited.read(path, dialect)
     read = READERS[ending]
