@@ -98,7 +98,7 @@ def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
     """Return where some parts are, neighbours taken together: ``at positions below -20 um or above 40 um``."""
     if breakdown.by == "velocity":
         motions = [p.label for p in parts if p.label != "at rest"]
-        text = [f"moves {' or '.join(motions)}"] if motions else []
+        text = [f"moves {_motion(motions)}".strip()] if motions else []
         text += ["is at rest"] if len(motions) < len(parts) else []
         return f"while the stage {' or '.join(text)}"
     groups: list[list[Part]] = []
@@ -125,6 +125,20 @@ def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
     if breakdown.by == "frequency" and not text[0].startswith(("below", "above")):
         lead = "at "
     return f"{lead}{where}"
+
+
+def _motion(motions: Sequence[str]) -> str:
+    """Return kinds of motion in words, without what all of one speed or of one direction share.
+
+    >>> _motion(["up fast", "down fast"]), _motion(["up fast", "down slowly"])
+    ('fast', 'up fast or down slowly')
+    >>> _motion(["up fast", "up slowly", "down fast", "down slowly"])
+    ''
+    """
+    directions, speeds = (sorted({motion.split()[k] for motion in motions}) for k in (0, 1))
+    if len(motions) < len(directions) * len(speeds) or len(motions) == 1:
+        return " or ".join(motions)
+    return " ".join(words[0] for words in (directions, speeds) if len(words) == 1)
 
 
 def limit(value: float, si: str, size: float | None = None) -> str:
