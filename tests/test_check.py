@@ -145,7 +145,9 @@ def test_timing_is_never_told_wrongly(noise: float) -> None:
 def test_columns_that_are_shifted() -> None:
     one, other = clean()
     early = run("a", one.command(), np.roll(one.measured(), -2))
-    assert "x answers u before it changes: the columns are shifted by a sample" in said(early, other)
+    text = said(early, other)
+    assert "x answers u before it changes: the columns are shifted by a sample" in text
+    assert "u is no command but follows from x, as in a closed loop" in text
 
 
 def test_a_held_command() -> None:

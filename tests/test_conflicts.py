@@ -13,7 +13,14 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Parameter
-from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, _delay_shift, conflicts, explains
+from flexdesign.diagnosis.effect_selection.prior_conflicts import (
+    LARGE,
+    Conflict,
+    _delay_shift,
+    conflicts,
+    explains,
+    shown,
+)
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER
 from flexdesign.dynamics.stage_model import AxisModel
@@ -147,6 +154,10 @@ def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float
     remains = data(known).error(fit) ** 2 - SIGMA**2
     assert bool((late - sigma) ** 2 * variance > LARGE * remains) is is_much
     assert explains(data(known), task, fit, conflict(TRIGGER)) is is_much
+    # That columns are shifted is said where it explains much, or where nothing else is left to explain.
+    moved = [conflict(TRIGGER), conflict("p")]
+    assert shown(data(known), task, fit, moved, is_done=False)[0] == tuple(moved if is_much else moved[1:])
+    assert shown(data(known), task, fit, moved, is_done=True) == (tuple(moved), [])
     # The case itself believes whatever the data say.
     values = {p.name: p.start or 0.0 for p in fit.model.parameters() if p.run}
     assert all(value == pytest.approx(late, abs=0.1) for value in values.values())

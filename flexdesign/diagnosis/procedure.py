@@ -26,7 +26,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 )
 from flexdesign.diagnosis.effect_selection.linear_system import is_better_linear
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
-from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
+from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
 from flexdesign.diagnosis.preparation import mode_frequencies, periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
@@ -136,9 +136,8 @@ def diagnose(
         named, held = hold_undetermined(task, named)
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
         groups = confusable(task, named, history.steps)
-        beyond = conflicts(data, named)
         is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, left)
-        implied_effects = [c for c in beyond if c.named is not None and (is_done or explains(data, task, named, c))]
+        beyond, implied_effects = shown(data, task, named, conflicts(data, named), is_done=is_done)
         progress("predicting the test runs")
         scored = [run for run in data.runs if run.name in data.scored]
         alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None

@@ -167,7 +167,11 @@ def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
     if (timing := timing_of(run, response)) is not None:
         if timing.ahead:
             what = f"{response} answers {column} before it changes: the columns are shifted by a sample"
-            found.append(Suspicion(name, what, "check the trigger; shift one of the columns by a row"))
+            what += f", or {column} is no command but follows from {response}, as in a closed loop"
+            remedy = (
+                "check the trigger; shift one of the columns by a row; write closed_loop = true where it was closed"
+            )
+            found.append(Suspicion(name, what, remedy))
         elif timing.held and not run.between_is_stated:
             what = f"{response} answers {column} half a sample later than straight lines between its samples make it"
             remedy = 'the command was held: write between_samples = "hold" in measurements.toml; else it looks late'

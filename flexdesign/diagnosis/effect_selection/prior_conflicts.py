@@ -8,7 +8,7 @@ prediction is the same either way: the prior decides, and not the runs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -125,6 +125,23 @@ def _structural(ratio: float) -> str:
         f"the fitted gain is {ratio:.2g} times that of the model. No calibration is that far off: a unit or a channel "
         "is wrong, or the structure of the model does not hold for these runs"
     )
+
+
+def shown(
+    data: DiagnosisData, task: EstimationTask, fit: FittedModel, found: Sequence[Conflict], *, is_done: bool
+) -> tuple[tuple[Conflict, ...], list[Conflict]]:
+    """Return which conflicts are reported, and which of these imply an effect.
+
+    Where a residual remains, an effect is implied, and columns are said to be shifted, where that explains much. That
+    an effect's number moved is reported all the same.
+    """
+    beyond, implied = list[Conflict](), list[Conflict]()
+    for conflict in found:
+        is_claim = conflict.named is not None or conflict.number == TRIGGER
+        is_shown = not is_claim or is_done or explains(data, task, fit, conflict)
+        beyond += [conflict] if is_shown or conflict.named is not None else []
+        implied += [conflict] if is_shown and conflict.named is not None else []
+    return tuple(beyond), implied
 
 
 def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:
