@@ -187,6 +187,22 @@ def test_runs_that_all_began_late_have_a_delay_and_early_ones_shifted_columns(
         assert ("as `between_samples` says" in found.words) is (late < 0 and between == "hold")
 
 
+@pytest.mark.parametrize(("most", "group"), [(9.0, ("transport_delay",)), (0.5, ())])
+def test_runs_that_begin_as_late_as_is_plausible_name_no_delay(most: float, group: tuple[str, ...]) -> None:
+    """They began later than that, by how much the fit cannot say."""
+    own = [parameter(f"{n}:{TRIGGER}", 0.0, -most, most, run=n) for n in EVERY]
+    model = Staged().plus(lambda v, run: v["p"] * column(run, "p") + v["q"] * column(run, "q"), *base("p", "q").every)
+    model = model.plus(lambda v, run: v[DELAY] + 0.0 * column(run, "p"), parameter(DELAY, 0.0, 0.0, 9.0))
+    model = model.plus(lambda v, run: v[f"{run.name}:{TRIGGER}"] * column(run, "late"), *own)
+    truth = {"p": TRUE, "q": -1.0, **{p.name: 1.0 for p in own}}
+    fit = final(case_of(model, truth, 0.0, {p.name: (0.0, 0.1) for p in own}), model)
+    runs = [SimpleNamespace(between_samples="hold", between_is_stated=True)]
+    found = _delay_shift(SimpleNamespace(is_at_stack=False, runs=runs), fit)  # type: ignore[arg-type]
+    assert found is not None
+    assert (found.group, found.named is None) == (group, not group)
+    assert found.words.endswith("the most that is plausible") is (not group)
+
+
 FRICTION = {"level": 1e-6, "presliding": 1e-6}
 LOOP = {"a": 0.9e-6, "b": 0.02, "c": 0.0, "n": 1.0, "rest": 0.0}
 

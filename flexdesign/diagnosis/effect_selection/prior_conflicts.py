@@ -240,6 +240,10 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
         return Conflict(words, (), None, lambda model: model, TRIGGER)
     if mean <= CONFLICT * error:
         return None
+    limits = [where.parameters[j].plausible for j in places]
+    if np.isclose(late, [high for _, high in limits], rtol=1e-6, atol=0.0).any():  # by how much is then unknown
+        words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean, the most that is plausible"
+        return Conflict(words, (), None, lambda model: model, TRIGGER)
     # Runs that jitter less than was feared determine their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
     half = float(stdtrit(len(late) - 1, 0.975)) * error  # of a few runs the scatter itself is hardly known
