@@ -188,12 +188,17 @@ def judged(
 
 
 def concluded(
-    about: DiagnosisData, course: SelectionHistory, left: SparseModel | None = None, is_better_smooth: bool = False
+    about: DiagnosisData,
+    course: SelectionHistory,
+    left: SparseModel | None = None,
+    is_better_smooth: bool = False,
+    is_end_relevant: bool = True,
 ) -> Diagnosis:
     left = left or sparse_model()
     # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
     with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(FittedModel, "is_white", False):
-        verdict, named = decide(about, course, left, lambda *_: is_better_smooth, FittedModel.at_bound)
+        judges = (lambda *_: is_better_smooth), FittedModel.at_bound, (lambda *_: is_end_relevant)
+        verdict, named = decide(about, course, left, *judges)
         ladder = [course.nominal, *accepted_fits(course, named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
@@ -518,6 +523,21 @@ def test_other_moves_name_nothing(moved: dict[str, float], is_said: bool) -> Non
     assert bool(found.conflicts) is is_said
 
 
+@pytest.mark.parametrize(("times", "is_end_relevant", "verdict"), [
+    (1.0, True, "unknown"), (1.0, False, "effects-found"), (2.0, True, "effects-found"),
+])  # fmt: skip
+def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
+    times: float, is_end_relevant: bool, verdict: str
+) -> None:
+    """A tenth of the design's gain, the least that is plausible, leaves the motion to the effect."""
+    about = data()
+    moved = {"gain": 0.1 * times * about.axis.gain}
+    course = course_of(fit(about, MUCH, MUCH), fit(about, 0.1 * MUCH, 0.1 * MUCH, [creep(about)], moved))
+    found = concluded(about, course, is_end_relevant=is_end_relevant)
+    assert found.verdict == verdict
+    assert ("creep" in found.possible_effects) is (verdict == "unknown")
+
+
 def test_numbers_of_the_model_at_an_end_are_said() -> None:
     about = data()
     name = "damping_ratio"
@@ -527,6 +547,13 @@ def test_numbers_of_the_model_at_an_end_are_said() -> None:
     for value, is_said in ((ends[1], True), (0.5 * ends[1], False)):
         one = fit(about, moved={name: value})
         assert ("damping ratio of the model ended at the limit" in judged(about, one, one).confidence) is is_said
+    # In SI units a small gain is as near to zero as to its limits.
+    about = replace(about, axis=replace(about.axis, gain=1e-10))
+    for times, is_said in ((0.1, True), (2.0, False)):
+        one = fit(about, moved={"gain": times * about.axis.gain})
+        assert ("gain of the model ended at the limit" in judged(about, one, one).confidence) is is_said
+    both = fit(about, moved={"gain": 0.1 * about.axis.gain, name: ends[1]})
+    assert "gain and damping ratio of the model ended" in judged(about, both, both).confidence
 
 
 @pytest.mark.parametrize("ratio", [2.32, 0.4])

@@ -41,6 +41,7 @@ from flexdesign.estimation.model_selection.confounding import confusable
 from flexdesign.estimation.model_selection.determination import (
     drop_undetermined,
     hold_undetermined,
+    is_end_relevant,
     relevant_ends,
     restart_from_profiles,
 )
@@ -126,7 +127,11 @@ def diagnose(
         if history.final.effects:
             history = history.with_final(restart_from_profiles(task, history.final))
         left = _sparse_model(data, task, history.final)
-        judges = partial(_is_better_without_physics, data, task), partial(relevant_ends, task)
+        judges = (
+            partial(_is_better_without_physics, data, task),
+            partial(relevant_ends, task),
+            partial(is_end_relevant, task),
+        )
         verdict, named = decide(data, history, left, *judges)
         determined, fixed = drop_undetermined(task, named)
         if {*determined.names} < {*named.names}:  # the others must still explain enough

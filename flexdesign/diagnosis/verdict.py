@@ -44,13 +44,15 @@ def decide(
     left: SparseModel,
     is_better_without_physics: Callable[[FittedModel, FittedModel], bool],
     ends: Callable[[FittedModel], Sequence[str]],
+    is_end_relevant: Callable[[FittedModel, str], bool],
 ) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
     In an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
     last one that is named, in mean squares: of a large and certain share one may speak, whatever else the model lacks.
     And neither a linear system nor the smooth functions that describe the remainder must do better in the place of the
-    effects, which would then be an approximation of something else.
+    effects, which would then be an approximation of something else. So is an effect next to which the model's own
+    numbers, such as the gain, end at a limit: it stands for the motion that these no longer explain.
 
     Parameters
     ----------
@@ -60,6 +62,8 @@ def decide(
         Tells for the calibrated model and one with effects whether what is no physics does better than these.
     ends
         Returns the numbers of a fit that are at the end of what is plausible, where that speaks against it.
+    is_end_relevant
+        Tells whether a number of a fit that is at the end of what is plausible matters to a prediction.
     """
     every = levels(history)
     if is_adequate(data, history.final, left) and not ends(history.final):
@@ -68,7 +72,9 @@ def decide(
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
     for named in range(len(every) - 1, 0, -1):
         is_large = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
-        if is_large and not ends(every[named]) and not is_better_without_physics(every[0], every[named]):
+        is_at_limit = any(is_end_relevant(every[named], name) for name in _own_limits(every[named]))
+        is_plausible = not is_at_limit and not ends(every[named])
+        if is_large and is_plausible and not is_better_without_physics(every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", history.calibration
 
@@ -190,7 +196,8 @@ def _confidence(
             "wrong for them"
         )
     if (ends := _own_ends(final)) and (final.effects or not history.is_refused):
-        names = " and ".join(name.replace("_", " ").replace(".", ": ") for name in ends)
+        *others, last = [name.replace("_", " ").replace(".", ": ") for name in ends]
+        names = f"{', '.join(others)} and {last}" if others else last
         remarks.append(
             f"{names} of the model ended at the limit of what is plausible: its structure may be wrong for "
             "these runs, or they do not show it"
@@ -201,8 +208,16 @@ def _confidence(
 def _own_ends(fit: FittedModel) -> list[str]:
     """Return the model's own numbers that the fit moved to an end of their plausible range."""
     where, own = fit.solution.problem.where, own_numbers(fit)
-    ends = np.isclose(fit.solution.x, where.lower, rtol=1e-6) | np.isclose(fit.solution.x, where.upper, rtol=1e-6)
-    return [name for name, is_end in zip(where.names, ends, strict=True) if is_end and name in own]
+    near = [np.isclose(fit.solution.x, end, rtol=1e-6, atol=0.0) for end in (where.lower, where.upper)]
+    return [name for name, is_end in zip(where.names, np.any(near, axis=0), strict=True) if is_end and name in own]
+
+
+def _own_limits(fit: FittedModel) -> list[str]:
+    """Return the model's own numbers at a limit of their plausible range, whatever their priors say."""
+    where, own = fit.solution.problem.where, own_numbers(fit)
+    values = where.values(fit.solution.x)
+    near = {p.name: np.isclose(values[p.name], p.plausible, rtol=1e-6, atol=0.0) for p in where.parameters}
+    return [name for name in own if near[name].any()]
 
 
 def accepted_fits(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:

@@ -110,10 +110,10 @@ def relevant_ends(task: EstimationTask, fit: FittedModel) -> list[str]:
     without presliding is as plausible as with little of it.
     """
     strengths = {effect.strength for effect in fit.effects}
-    return [name for name in fit.at_bound() if name in strengths or _moves(task, fit, name)]
+    return [name for name in fit.at_bound() if name in strengths or is_end_relevant(task, fit, name)]
 
 
-def _moves(task: EstimationTask, fit: FittedModel, name: str) -> bool:
+def is_end_relevant(task: EstimationTask, fit: FittedModel, name: str) -> bool:
     """Tell whether a number a factor e from the end of its range predicts otherwise, by the tolerance or more."""
     where = fit.solution.problem.where
     j = where.names.index(name)

@@ -83,8 +83,9 @@ def possible(diagnosis: Diagnosis) -> str:
     each = "each of them" if len(diagnosis.possible_effects) > 1 else "it"
     return (
         f"Possible, but not certain, with the explained share of what calibration leaves: {names}. An effect is named "
-        "if it explains twice what then remains, if its 95 % interval excludes its null, and if neither smooth "
-        "functions nor a linear system explain more in its place. "
+        "if it explains twice what then remains, if its 95 % interval excludes its null, if next to it no number of "
+        "the model, such as the gain, ends at a limit, and if neither smooth functions nor a linear system explain "
+        "more in its place. "
         f"To fit {each} all the same: {lines}."
     )
 
