@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 #: Most points of a curve.
 POINTS = 1000
+#: Points this number of times the usual distance apart are not joined.
+GAP = 10.0
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,18 @@ def _groups(curves: Sequence[Curve]) -> list[list[Curve]]:
     return groups
 
 
+def with_gaps(x: Array, *rows: Array) -> tuple[Array, ...]:
+    """Return abscissae and ordinates with a NaN where nothing was recorded for long, so that no line crosses it.
+
+    >>> [row.tolist() for row in with_gaps(np.array([0.0, 1.0, 2.0, 30.0]), np.ones(4))]
+    [[0.0, 1.0, 2.0, 16.0, 30.0], [1.0, 1.0, 1.0, nan, 1.0]]
+    """
+    apart = np.diff(x)
+    places = np.flatnonzero(apart > GAP * np.median(apart)) + 1 if len(apart) else np.zeros(0, dtype=int)
+    middles = 0.5 * (x[places - 1] + x[places])
+    return np.insert(x, places, middles), *(np.insert(row, places, np.nan) for row in rows)
+
+
 def thin_out(x: Array, y: Array, limits: tuple[float, float] | None = None) -> tuple[Array, Array]:
     """Return a curve with fewer points: of each stretch the first, the lowest, the highest and the last."""
     if limits:
@@ -148,18 +162,19 @@ def thin_out(x: Array, y: Array, limits: tuple[float, float] | None = None) -> t
 def extremes(rows: Array, points: int) -> IntArray:
     """Return which of n samples to keep so that no row, shape (k, n), loses a peak.
 
-    Of each stretch these are the first and the last sample, and the lowest and the highest of each row; a row alone
-    keeps at most `points` of them.
+    Of each stretch these are the first and the last sample, the lowest and the highest of each row, and the first that
+    a row lacks; a row alone keeps at most `points` of them.
     """
     count = rows.shape[1]
     if count <= points:
         return np.arange(count)
     kept = set[int]()
-    stretches = max(points // (2 + 2 * len(rows)), 1)
+    stretches = max(points // (3 + 2 * len(rows)), 1)
     for first, last in pairwise(np.linspace(0, count, stretches + 1).astype(int)):
         part = np.nan_to_num(rows[:, first:last])
         kept |= {int(first), int(last) - 1}
-        kept |= {int(first) + int(k) for k in (*part.argmin(axis=1), *part.argmax(axis=1))}
+        lacks = np.flatnonzero(np.isnan(rows[:, first:last]).any(axis=0))[:1]
+        kept |= {int(first) + int(k) for k in (*part.argmin(axis=1), *part.argmax(axis=1), *lacks)}
     return np.array(sorted(kept))
 
 

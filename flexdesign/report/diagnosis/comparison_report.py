@@ -202,11 +202,6 @@ def _pictures(comparison: Comparison, traces: Sequence[Trace]) -> list[Figure]:
             "Spectra, means over the runs: where the residual is above the noise floor, something is missing",
         ),
         Figure(
-            "position.svg",
-            charts.over_position(traces, words.sign(large), words.sign(small), factor),
-            "Residual over position, mean and middle 80 %: two branches mean memory or lag, one curve a nonlinearity",
-        ),
-        Figure(
             "coherence.svg",
             charts.coherence(traces),
             "Coherence of command and residual: near one, the missing effect is linear",
@@ -215,7 +210,13 @@ def _pictures(comparison: Comparison, traces: Sequence[Trace]) -> list[Figure]:
     steps = charts.since_step(traces, words.sign(small), factor)
     if steps is not None:
         caption = "Residual after steps, over the logarithm of time: creep is a straight line, a lag dies away"
-        made.insert(2, Figure("steps.svg", steps, caption))
+        made.insert(1, Figure("steps.svg", steps, caption))
+    position = charts.over_position(traces, words.sign(large), words.sign(small), factor)
+    if position is not None:
+        caption = (
+            "Residual over position, mean and middle 80 %: two branches mean memory or lag, one curve a nonlinearity"
+        )
+        made.insert(1, Figure("position.svg", position, caption))
     return made
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.report.charts import COLOURS, NARROW, NEUTRAL, below, drawing, svg
-from flexdesign.report.traces import Curve, Traces
+from flexdesign.report.traces import Curve, Traces, with_gaps
 
 Array = NDArray[np.float64]
 #: Errors that span more than this ratio are drawn over a logarithm.
@@ -82,7 +82,7 @@ def run_traces(
     Parameters
     ----------
     time, measured
-        n values each; no gaps.
+        n values each; where samples are far apart, no line joins them.
     predicted
         Names of the models with n values each.
     labels
@@ -90,8 +90,10 @@ def run_traces(
     factor
         How many units of the lower ordinate one of the upper is.
     """
-    above = [Curve("measured", time, measured, dashed=True), *(Curve(name, time, values) for name, values in predicted)]
-    left = [Curve(name, time, factor * (measured - values)) for name, values in predicted]
+    time, measured, *drawn = with_gaps(time, measured, *(values for _, values in predicted))
+    models = [(name, values) for (name, _), values in zip(predicted, drawn, strict=True)]
+    above = [Curve("measured", time, measured, dashed=True), *(Curve(name, time, values) for name, values in models)]
+    left = [Curve(name, time, factor * (measured - values)) for name, values in models]
     return Traces([above, left], "time [s]", list(labels), height=2.3)
 
 

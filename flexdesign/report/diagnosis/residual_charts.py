@@ -159,8 +159,10 @@ def coherence(traces: Sequence[Trace]) -> bytes:
     return svg(figure)
 
 
-def over_position(traces: Sequence[Trace], unit: str, fine: str, factor: float) -> bytes:
+def over_position(traces: Sequence[Trace], unit: str, fine: str, factor: float) -> bytes | None:
     """Draw the mean residual over position, moving up and moving down apart, with the middle 80 % of it.
+
+    None where next to nothing moves between its steps, so that no line would be drawn.
 
     Parameters
     ----------
@@ -171,19 +173,19 @@ def over_position(traces: Sequence[Trace], unit: str, fine: str, factor: float) 
     factor
         How many `fine` one `unit` is.
     """
-    figure, axes = _figure(3.3)
     position = np.concatenate([t.predicted for t in traces])
     speed: Array = np.concatenate([np.gradient(t.predicted, t.period) for t in traces])
     left = factor * np.concatenate([t.residual for t in traces])
     edges = np.linspace(position.min(), position.max(), PLACES + 1)
     rests = 0.01 * float(np.quantile(np.abs(speed), 0.98))
+    ways = (("moving up", speed > rests, COLOURS[0]), ("moving down", speed < -rests, COLOURS[1]))
+    bands = [_bin(position[moving], left[moving], edges) for _, moving, _ in ways]
+    if all(np.isfinite(middle).sum() < 2 for middle, _, _ in bands):
+        return None
+    figure, axes = _figure(3.3)
     noise_floor = factor * math.sqrt(float(np.mean([t.floor**2 for t in traces])))
     axes.axhspan(-2 * noise_floor, 2 * noise_floor, color=NEUTRAL, alpha=0.25, linewidth=0, label="noise, 95 %")
-    for label, moving, colour in (
-        ("moving up", speed > rests, COLOURS[0]),
-        ("moving down", speed < -rests, COLOURS[1]),
-    ):
-        middle, low, high = _bin(position[moving], left[moving], edges)
+    for (label, _, colour), (middle, low, high) in zip(ways, bands, strict=True):
         places = 0.5 * (edges[1:] + edges[:-1])
         axes.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(places, middle, color=colour, linewidth=1.8, label=label)
