@@ -98,7 +98,12 @@ def test_lines_are_counted_as_an_editor_counts_them(tmp_path: Path) -> None:
         (HEADER, "0.005,5", "line 7 = 0.005,5: has 2 cells where the header has 3"),
         (HEADER, "0.005,5,10,11", "line 7 = 0.005,5,10,11: has 4 cells where the header has 3"),
         (HEADER, "0.004,5,10", "line 7, column t = 0.004 s: is not later than the row before (0.004 s)"),
-        (HEADER, "0.0039,5,10", "line 7, column t = 0.0039 s: is not later than the row before (0.004 s)"),
+        (
+            HEADER,
+            "0.0039,5,10",
+            "line 7, column t = 0.0039 s: is not later than the row before (0.004 s); sort the rows",
+        ),
+        (HEADER, "0,5,10", "line 7, column t = 0 s: is not later than the row before (0.004 s); split the file here"),
         ("u [V],x [um],y [um]", "0,0,0", "header: there is no column t [s]; found u, x, y"),
         (
             "Time [s],Command [V],x [um]",

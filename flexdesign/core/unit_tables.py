@@ -86,7 +86,9 @@ class Sheet:
         back = np.flatnonzero(np.diff(time) <= 0)
         if back.size:
             row = int(back[0]) + 1
-            remedy = f"is not later than the row before ({time[row - 1]:.9g} s); sort the rows, remove doubles"
+            is_new = row > 1 and time[row] < time[1]  # a clock that begins again
+            remedy = "split the file here, as its clock starts again" if is_new else "sort the rows, remove doubles"
+            remedy = f"is not later than the row before ({time[row - 1]:.9g} s); {remedy}"
             raise self.cell_error(row, "t", f"{time[row]:.9g} s", remedy)
         return time
 
