@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,15 +13,14 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Controller, Socket
 from flexdesign.dynamics.signal_chain.interpolation import derivatives, smooth
 from flexdesign.dynamics.signal_chain.memory_layout import Coupling, Inputs, Record
+from flexdesign.dynamics.step_error import SAFETY, error_left, is_same_divergence, relative_change
 
 if TYPE_CHECKING:
-    from flexdesign.dynamics.signal_chain.chain import AxisChain
+    from flexdesign.dynamics.signal_chain.chain import AxisChain, Program
 
 Array = NDArray[np.float64]
 #: The error that a simulation may have, relative to the largest span of motion.
 TOLERANCE = 1e-6
-#: On the error estimate; more than the 1.25 of a grid convergence index, as turning points make the order unsteady.
-SAFETY = 1.5
 #: More steps in a sample than this are not tried.
 MOST_STEPS = 1024
 #: A delay divides samples, and the part behind the jump of a held command may have one step in both runs that are
@@ -83,6 +81,22 @@ class Stage:
     noise: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class Lead:
+    """How a stage of one axis comes from rest to where a simulation begins.
+
+    Parameters
+    ----------
+    command
+        Linear between its samples [V]; the last one holds until a delayed command acts.
+    period
+        Sampling period [s], as a rule longer than that of the simulation: nobody looks.
+    """
+
+    command: Array
+    period: float
+
+
 @dataclass(frozen=True)
 class Response:
     """What a simulation gives, arrays of axes by samples.
@@ -132,8 +146,9 @@ def simulate(
     substeps: int | None = None,
     most_steps: int = MOST_STEPS,
     disturbances: Mapping[str, Array] | None = None,
+    lead: Lead | None = None,
 ) -> Response:
-    """Run a stage from rest at zero volts.
+    """Run a stage from rest at zero volts, or from where a lead has brought it.
 
     The number of steps in a sample is doubled until the motion changes by less than the tolerance; the residual is
     estimated from the last changes.
@@ -163,13 +178,15 @@ def simulate(
     disturbances
         For each axis, by name, what is added to its reading at each sample, in addition to noise [m]; may be NaN in an
         open loop. By default what effects of the axis add that need no recorded column, such as hum.
+    lead
+        What brings a stage of one axis to the first sample, in an open loop.
 
     Raises
     ------
     ValueError
         If lengths differ, a command or reference is not finite, or a loop is closed with commands that are not held.
     """
-    inputs = _Inputs(stage, loops, period, delay, between_samples, oversampling, seed, disturbances)
+    inputs = _Inputs(stage, loops, period, delay, between_samples, oversampling, seed, disturbances, lead)
     if substeps is not None:
         return inputs.response(substeps, math.nan)
     steps, changes = 1, list[float]()
@@ -178,11 +195,12 @@ def simulate(
         steps *= 2
         fine = inputs.response(steps, math.inf)
         if fine.diverged is not None:
-            if steps >= CONVERGED_DIFFERENCE or _same_divergence(coarse, fine):
+            both = coarse.diverged is not None and is_same_divergence(coarse.motion, fine.motion)
+            if both or steps >= CONVERGED_DIFFERENCE:
                 return fine
         elif coarse.diverged is None:
             changes.append(inputs.change(coarse, fine))
-            error = _estimate(changes, inputs.most_order)
+            error = error_left(changes, inputs.most_order)
             # Readings in whole steps decide by less than any tolerance: then changes stop falling. Two that do not fall
             # say little: a lag faster than the first steps is not resolved by them.
             stalled = len(changes) > 3 and min(changes[-3:]) > 0.7 * changes[-4]
@@ -198,30 +216,6 @@ def simulate(
         coarse = fine
 
 
-def _estimate(changes: Sequence[float], most: float = 4.0) -> float:
-    """Return the error left, from the changes at each doubling of the number of steps.
-
-    The order is what the last changes show, at most four, or `most`. Where turning points of the voltage fall within
-    steps it goes up and down, so that the lowest of the last three counts, and fewer for no more than two.
-    """
-    orders = [math.log2(a / b) if b > 0 else 4.0 for a, b in pairwise(changes)]
-    order = min([*orders[-3:], most if len(orders) > 2 else 2.0]) if orders else 1.0
-    return SAFETY * changes[-1] / (2.0 ** max(order, 1.0) - 1.0)
-
-
-def _change(coarse: Array, fine: Array) -> float:
-    span = float(np.max(np.ptp(fine, axis=1)))
-    return float(np.max(np.abs(fine - coarse))) / span if span > 0 else 0.0
-
-
-def _same_divergence(coarse: Response, fine: Response) -> bool:
-    """Tell whether both run away at the same time, and on the same way: steps that are too long do so anyhow."""
-    samples = min(coarse.motion.shape[1], fine.motion.shape[1])
-    if coarse.diverged is None or samples < 8 or coarse.motion.shape != fine.motion.shape:
-        return False
-    return _change(coarse.motion, fine.motion) < 0.1
-
-
 class _Inputs:
     """Arrays for the engine that do not depend on the number of steps."""
 
@@ -235,6 +229,7 @@ class _Inputs:
         oversampling: int,
         seed: int,
         disturbances: Mapping[str, Array] | None,
+        lead: Lead | None,
     ) -> None:
         names = [axis.name for axis in stage.axes]
         lengths = {len(loop.command) for loop in loops.values()}
@@ -244,7 +239,7 @@ class _Inputs:
         self.is_linear = between_samples == "linear" or self.is_smooth
         if self.is_linear and any(loop.is_closed for loop in loops.values()):
             raise ValueError("the command of a closed loop is held between samples")
-        self.stage, self.delay, self.every = stage, delay, oversampling
+        self.stage, self.delay, self.every, self.lead = stage, delay, oversampling, lead
         self.period = period / oversampling
         self.controllers = {name: loop.controllers for name, loop in loops.items()}
         rest = Loop(np.zeros(lengths.pop()))
@@ -299,10 +294,11 @@ class _Inputs:
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
         from flexdesign.dynamics.signal_chain import engine  # compiles: only where something is run
-        from flexdesign.dynamics.signal_chain.chain import Arena, program
+        from flexdesign.dynamics.signal_chain.arena import Arena
+        from flexdesign.dynamics.signal_chain.chain import program
 
         stage, axes, keep = self.stage, len(self.stage.axes), Arena()
-        laid_out = program(
+        laid_out, of_lead = program(
             keep,
             stage.axes,
             self.controllers,
@@ -311,6 +307,7 @@ class _Inputs:
             delay=self.delay,
             is_linear=self.is_linear,
             every=self.every,
+            lead_period=self.lead.period if self.lead else 0.0,
         )
         inputs = Inputs(
             axes,
@@ -322,6 +319,7 @@ class _Inputs:
             keep.ints([loop.is_closed for loop in self.ordered]),
             self.limits.ctypes.data,
             0 if self.derivatives is None else self.derivatives.ctypes.data,
+            keep.reals([self.lead.command[-1]] if self.lead else [0.0] * axes),
         )
         linear, square = [float(i == j) for i in range(axes) for j in range(axes)], [0.0] * axes**2
         if stage.coupling is not None:
@@ -329,24 +327,37 @@ class _Inputs:
         if stage.quadratic_coupling is not None:
             square = np.ravel(stage.quadratic_coupling).tolist()
         coupling = Coupling(keep.reals(linear), keep.reals(square))
-        record = np.empty((6, axes, self.count))  # what the engine fills in is all that is read
-        first, size = record.ctypes.data, record.strides[0]
         keep.fill()
-        done = engine.run(
-            inputs,
-            laid_out.timing,
-            laid_out.signals,
-            laid_out.command_ticks,
-            laid_out.block_calls,
-            laid_out.forces,
-            laid_out.modes,
-            coupling,
-            laid_out.sensor_ticks,
-            laid_out.controllers,
-            laid_out.state,
-            self._runaway_limit(),
-            Record(*(first + size * i for i in range(len(record)))),
-        )
+
+        def run(of: Program, given: Inputs) -> tuple[Array, int]:
+            record = np.empty((6, axes, given.samples))  # what the engine fills in is all that is read
+            first, size = record.ctypes.data, record.strides[0]
+            done = engine.run(
+                given,
+                of.timing,
+                of.signals,
+                of.command_ticks,
+                of.block_calls,
+                of.forces,
+                of.modes,
+                coupling,
+                of.sensor_ticks,
+                of.controllers,
+                of.state,
+                self._runaway_limit(),
+                Record(*(first + size * i for i in range(len(record)))),
+            )
+            return record, done
+
+        if self.lead is not None:
+            way, still = self.lead.command, np.zeros((2, len(self.lead.command)))
+            given, rests = way.ctypes.data, still.ctypes.data
+            leading = inputs._replace(samples=len(way), given=given, reference=rests, noise=rests, derivatives=0)
+            _, done = run(of_lead, leading)
+            if done < len(way):
+                empty = np.zeros((axes, 0))
+                return Response(empty[0], empty, empty, empty, empty, empty, empty, error, substeps, 0.0)
+        record, done = run(laid_out, inputs)
         command, cut, voltage, drive, motion, reading = record[:, :, :done]
         time = self.period * np.arange(done, dtype=np.float64)
         diverged = None if done == self.count else done * self.period
@@ -364,9 +375,10 @@ class _Inputs:
 
     def change(self, coarse: Response, fine: Response) -> float:
         """Return by how much two runs differ in what the tolerance is for, relative to its span."""
-        return max(
-            _change(a, b) for a, b in zip(self.compared_signals(coarse), self.compared_signals(fine), strict=True)
-        )
+        pairs = zip(self.compared_signals(coarse), self.compared_signals(fine), strict=True)
+        # A stage may stand still in a record, to which it came a long way.
+        least = abs(self.stage.axes[0].gain) * float(np.ptp(self.lead.command)) if self.lead else 0.0
+        return max(relative_change(a, b, least) for a, b in pairs)
 
     def compared_signals(self, response: Response) -> list[Array]:
         """Return what the tolerance is for: the motion, and the reading if it does not come in whole steps."""
@@ -382,7 +394,7 @@ class _Inputs:
     def _runaway_limit(self) -> float:
         """Return how large a motion may grow: far beyond what full drive gives."""
         largest = [abs(limit) for limit in self.limits.flat if math.isfinite(limit)]
-        largest_command = max(float(np.abs(self.given).max()), *largest, 0.0)
+        before = float(np.abs(self.lead.command).max()) if self.lead else 0.0
+        largest_command = max(float(np.abs(self.given).max()), before, *largest)
         gain = max(abs(axis.gain) for axis in self.stage.axes)
-        scale = gain * largest_command + float(np.abs(self.reference).max())
-        return RUNAWAY * scale if scale > 0 else math.inf
+        return RUNAWAY * (gain * largest_command + float(np.abs(self.reference).max())) or math.inf

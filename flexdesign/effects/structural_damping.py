@@ -9,6 +9,10 @@ whose loss is g w tau / (1 + (w tau)^2) each: with the ratio R between neighbour
 ripple of 2 / cosh(pi^2 / ln R), less than a thousandth at two in a decade. The relaxations above the band act as a
 dashpot within it.
 
+A relaxation that is faster than a step of simulation would ask for shorter steps than the motion does. It is replaced
+by one as fast as a step lasts and a dashpot, which have its loss and its storage at low frequencies: g / (1 + j w tau)
+has the same first and second moment.
+
 Storage grows with loss: between the ends of the band stiffness rises by g for each relaxation passed.
 """
 
@@ -27,34 +31,43 @@ LOWEST, TERMS, RATIO = 0.1, 9, math.sqrt(10.0)
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:
-    """Return g, the dashpot for all relaxations above the band [s], and the rates of those in the band [1/s]."""
+    """Return a dashpot [s], then for each relaxation its rate [1/s] and stiffness, over that of the stage.
+
+    The dashpot stands for all relaxations above the band, and for those faster than a step.
+    """
     g = 2.0 * math.log(RATIO) / math.pi * values["loss_factor"]
     rates = [2 * math.pi * LOWEST * RATIO**i for i in range(TERMS)]
-    above = 1.0 / (rates[-1] * RATIO) / (1.0 - 1.0 / RATIO)  # the sum of their times
-    return g, g * above, *rates
+    dashpot = g / (rates[-1] * RATIO) / (1.0 - 1.0 / RATIO)  # the sum of the times of those above the band
+    numbers = list[float]()
+    for rate in rates:
+        slower = min(rate * step, 1.0) / (rate * step) if step else 1.0
+        dashpot += g / rate * (1.0 - slower)
+        numbers += [slower * rate, slower**2 * g]
+    return dashpot, *numbers
 
 
 def flow(drive: float, position: float, velocity: float, state: Floats, rates: Floats, constants: Floats) -> float:
     """Return the force of all relaxations, and the rates of their states."""
-    held = 0.0
+    force = -constants[0] * velocity
     for i in range(TERMS):
         off = position - state[i]
-        held += off
-        rates[i] = constants[2 + i] * off
-    return -constants[0] * held - constants[1] * velocity
+        rates[i] = constants[1 + 2 * i] * off
+        force -= constants[2 + 2 * i] * off
+    return force
 
 
 def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> NDArray[np.complex128]:
     """Return the force of all relaxations per displacement, over the stiffness."""
-    g, dashpot, *rates = constants(values, 0.0)
+    dashpot, *numbers = constants(values, 0.0)
     w = 2j * math.pi * frequency
-    return np.asarray(-dashpot * w - g * sum(w / (w + rate) for rate in rates))
+    pairs = zip(numbers[::2], numbers[1::2], strict=True)
+    return np.asarray(-dashpot * w - sum(g * w / (w + rate) for rate, g in pairs))
 
 
 def relaxing(values: Values) -> list[tuple[float, float]]:
     """Return the time constants of the relaxations, and by what share of the stroke each may be from rest."""
-    g, _, *rates = constants(values, 0.0)
-    return [(1.0 / rate, g) for rate in rates]
+    _, *numbers = constants(values, 0.0)
+    return [(1.0 / rate, g) for rate, g in zip(numbers[::2], numbers[1::2], strict=True)]
 
 
 EFFECT = Effect(

@@ -21,7 +21,7 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
     relaxing,
     with_initial_conditions,
 )
-from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_model import STEPS_PER_PERIOD, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 #: The rms error is about a tenth of the largest: chi^2 of ten thousand samples is then off by one.
 PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
-#: for [s], or of a twentieth of a period of a slow mode, which integrates its motion to a percent.
-MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP, STEPS_PER_PERIOD = 16, 2, 4.4e-4, 20
+#: for [s], or of a twentieth of a period of a slow mode.
+MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
 #: The same for the final values: many samples determine them far better than their noise.
 FINAL_PREDICTION_ERROR, MOST_FINAL_STEPS = 0.002, 64
 #: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is

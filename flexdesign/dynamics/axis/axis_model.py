@@ -24,8 +24,8 @@ from flexdesign.dynamics.axis import axis_parameters, axis_response
 from flexdesign.dynamics.axis.axis_parameters import DELAY, TRIGGER, observable_range, with_payload, with_values
 from flexdesign.dynamics.axis.axis_run import command_of, is_at_stack, smooth_way, span, without_amplifier
 from flexdesign.dynamics.signal_chain.chain import AxisChain
-from flexdesign.dynamics.signal_chain.step_count import Steps, stable_steps
-from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
+from flexdesign.dynamics.signal_chain.step_count import Steps
+from flexdesign.dynamics.simulate import Lead, Loop, Response, Stage, simulate
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.dynamics.stage_model import fields as units_of
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -55,6 +55,10 @@ TRIAL_REVERSALS_BIPOLAR = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95,
 TURNED_WITHIN = 2.0
 #: Where a search tries a phase [rad]: from the opposite one a fit goes nowhere.
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
+#: Steps in a period of a slow mode, which integrate its motion to a percent.
+STEPS_PER_PERIOD = 20
+#: Samples of a lead in a period of the fastest mode, at least: with two a force would make it grow, as in a record.
+SAMPLES_PER_PERIOD = 4
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
 #: A record began within this of its first sample [s].
@@ -258,8 +262,7 @@ class AxisDynamics:
             found = first._simulate(run, None)
             return min(found.substeps * (self.margin if found.error > EXACT * self.tolerance else 1), self.finest)
 
-        needed = self.finest if self.fixed else min(self.steps.of(run, find), self.finest)
-        return max(needed, stable_steps(self.axis, run.period))
+        return self.finest if self.fixed else min(self.steps.of(run, find), self.finest)
 
     def integration_error(self, run: Run) -> float:
         """Return by how much the prediction changes with twice as many steps, rms [response]."""
@@ -316,10 +319,10 @@ class AxisDynamics:
         # A reading that is late is that of a command as late: what is between them does not change in time.
         late = (0.0 if at_stack else self.delay) + self.axis.sensor.delay
         command, delay = self._limit_command(run), late + own.get(TRIGGER, 0.0)
-        lead = self._lead(run, own, float(command[0]))
         # A record that began early begins later in a longer simulation: always by as many samples, so nothing jumps.
-        early = math.ceil(-TRIGGERED_WITHIN[0] / run.period) if TRIGGER in own else 0
-        command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
+        early = math.ceil(-TRIGGERED_WITHIN[0] / run.period) if TRIGGER in own or run.name in self.apart else 0
+        lead = self._lead(run, own, float(command[0]))
+        command, delay = np.concatenate([command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *REVERSALS)}
         more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
         axis = with_payload(self.first, with_values(self.axis, more), run.payload)
@@ -334,21 +337,24 @@ class AxisDynamics:
             substeps=steps,
             most_steps=self.finest,
             disturbances=self._disturbances(axis, run, len(command)),
+            lead=lead,
         )
 
-    def _lead(self, run: Run, own: Mapping[str, float], first: float) -> Array:
-        """Return the command before a record [V].
+    def _lead(self, run: Run, own: Mapping[str, float], first: float) -> Lead | None:
+        """Return the command before a record, in samples as long as the mode allows.
 
         A run with numbers of its own comes from rest by way of two turning points, which is where its hysteresis,
         whatever the law, is from. The ways are so smooth that the mode hardly rings.
         """
+        fastest = max(mode.frequency for mode in self._chain.modes)
+        longest = min(1 / (STEPS_PER_PERIOD * self.first.natural_frequency), 1 / (SAMPLES_PER_PERIOD * fastest))
+        period = run.period * max(1, int(longest / run.period))
         if run.name not in self.apart:
-            if first == 0:
-                return np.zeros(0)
-            return np.full(math.ceil(self._decay(DECAYED, 0.5 * self.first.damping_ratio) / run.period), first)
+            lasts = self._decay(DECAYED, 0.5 * self.first.damping_ratio)
+            return Lead(np.full(math.ceil(lasts / period) + 1, first), period) if first else None
         turns = [0.0, *(own.get(name, share * self.max_command) for name, share in REVERSALS.items()), first]
-        samples = max(8, math.ceil(PERIODS_OF_A_WAY / (self.first.natural_frequency * run.period)))
-        return np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)])
+        samples = max(8, math.ceil(PERIODS_OF_A_WAY / (self.first.natural_frequency * period)))
+        return Lead(np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)]), period)
 
     def _disturbances(self, axis: AxisModel, run: Run, samples: int) -> Mapping[str, Array]:
         """Return what adds to the reading; nothing does before the record."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,9 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Block, Controller, Disturbance, Effect, Socket
 from flexdesign.core.model.effect import Values
 from flexdesign.dynamics.signal_chain import exact_step, kernels
+from flexdesign.dynamics.signal_chain.arena import Arena
 from flexdesign.dynamics.signal_chain.memory_layout import BlockCalls, Forces, Modes, SignalPlaces, State, Ticks, Timing
 
-#: Numbers for which a chain has room in one array: several times what one of the catalogue needs.
-ARENA_SIZE = 1024
 #: Sockets before the mechanics, in the order of the signal.
 UPSTREAM = (Socket.COMMAND, Socket.DRIVER, Socket.HYSTERESIS, Socket.ACTUATOR)
 
@@ -122,8 +120,9 @@ def program(
     delay: float = 0.0,
     is_linear: bool = False,
     every: int = 1,
-) -> Program:
-    """Lay out the chains of all axes, at rest at zero volts.
+    lead_period: float = 0.0,
+) -> tuple[Program, Program]:
+    """Lay out the chains of all axes, at rest at zero volts; return this and the same for a lead, with the same state.
 
     Parameters
     ----------
@@ -143,8 +142,12 @@ def program(
         Whether commands run straight from sample to sample; otherwise they are held.
     every
         Samples between two actions of a controller.
+    lead_period
+        Sampling period of a lead [s], whose commands are linear and act at once; 0 where there is none.
     """
     shares, steps, lengths, late = _division(period, substeps, delay)
+    segments = len(lengths)
+    lengths = [*lengths, *([lead_period / substeps] if lead_period else [])]
     builder = _StepBuilder(keep, lengths)
     command, voltage, drive = zip(*(builder.upstream(axis) for axis in axes), strict=True)
     upstream = len(builder.moves)
@@ -152,9 +155,9 @@ def program(
     reading = [builder.sensor(axis, place) for axis, place in zip(axes, motion, strict=True)]
     signals = keep.reals([0.0] * (3 * builder.slots))
     modes = [mode for axis in axes for mode in axis.modes]
-    return Program(
+    made = Program(
         Timing(
-            len(shares),
+            segments,
             keep.reals(lengths),
             keep.ints(steps),
             late,
@@ -164,7 +167,7 @@ def program(
         SignalPlaces(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
         _ticks(keep, [_block_ticks(axis, Socket.COMMAND, period) for axis in axes]),
         builder.laid_out(signals, upstream),
-        _forces(keep, axes, lengths[0]),
+        _forces(keep, axes, period / substeps),
         Modes(
             len(modes),
             keep.ints(list(accumulate((len(axis.modes) for axis in axes), initial=0))),
@@ -173,6 +176,20 @@ def program(
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
         _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
         State(signals, *(keep.reals([0.0] * (2 * count)) for count in (len(modes), len(axes), len(axes)))),
+    )
+    return made, _lead(keep, made, axes, lead_period / substeps, substeps) if lead_period else made
+
+
+def _lead(keep: Arena, made: Program, axes: Sequence[AxisChain], step: float, substeps: int) -> Program:
+    """Return a program for the last of the steps that another one has numbers for, with the state of that one."""
+    last, within = made.timing.segments, keep.reals(_within([1.0], [substeps]))
+    blocks, forces, modes = made.block_calls, made.forces, made.modes
+    return replace(
+        made,
+        timing=Timing(1, made.timing.step + 8 * last, keep.ints([substeps]), 0, True, within),
+        block_calls=blocks._replace(constants=blocks.constants + 8 * last * blocks.number),
+        forces=forces._replace(constants=keep.ints(_force_constants(keep, axes, step))),
+        modes=modes._replace(passages=modes.passages + 8 * 16 * last * modes.number),
     )
 
 
@@ -215,55 +232,6 @@ def _step_matrices(mode: Oscillator, step: float) -> tuple[float, ...]:
     held = rows * half.weights.sum(axis=1)
     weights = rows[:, None] * whole.weights
     return tuple(map(float, (*(both * half.transition).flat, *held, *(both * whole.transition).flat, *weights.flat)))
-
-
-class Arena:
-    """Keeps numbers and gives their addresses; most fit into two arrays, filled in one go when all are there."""
-
-    def __init__(self) -> None:
-        self.kept: list[NDArray[Any]] = []
-        self._reals, self._ints = (
-            _Allocation(np.zeros(ARENA_SIZE), self.kept),
-            _Allocation(np.zeros(ARENA_SIZE, dtype=np.int64), self.kept),
-        )
-
-    def reals(self, numbers: Sequence[float]) -> int:
-        """Keep numbers, at least one; return their address."""
-        return self._reals.keep(numbers)
-
-    def ints(self, numbers: Sequence[int]) -> int:
-        """Keep whole numbers; return their address."""
-        return self._ints.keep(numbers)
-
-    def fill(self) -> None:
-        """Put what was kept where its addresses point to."""
-        self._reals.fill()
-        self._ints.fill()
-
-
-class _Allocation:
-    """An array that is filled from its beginning; what does not fit gets an array of its own."""
-
-    def __init__(self, array: NDArray[Any], arrays: list[NDArray[Any]]) -> None:
-        self.array, self.kept, self.address = array, arrays, array.ctypes.data
-        self.numbers: list[float] = []
-        arrays.append(array)
-
-    def keep(self, numbers: Sequence[float]) -> int:
-        """Put numbers and a zero behind them into the array; return their address."""
-        first = len(self.numbers)
-        if first + len(numbers) < ARENA_SIZE:
-            self.numbers += numbers
-            self.numbers.append(0)
-            return self.address + 8 * first
-        own = np.zeros(len(numbers) + 1, dtype=self.array.dtype)
-        own[:-1] = numbers
-        self.kept.append(own)
-        return int(own.ctypes.data)
-
-    def fill(self) -> None:
-        """Put the numbers into the array."""
-        self.array[: len(self.numbers)] = self.numbers
 
 
 class _StepBuilder:
@@ -344,20 +312,31 @@ def _state(keep: Arena, block: Block) -> int:
 
 
 def _forces(keep: Arena, axes: Sequence[AxisChain], step: float) -> Forces:
-    first, hooks, by_path, place, constants = [0], list[int](), list[int](), [0], list[int]()
+    first, hooks, by_path, place = [0], list[int](), list[int](), [0]
+    constants = _force_constants(keep, axes, step)
     for axis in axes:
         blocks = axis.blocks(Socket.FORCE)
         for kind in ("flow", "pull"):
-            for block, values in blocks:
+            for block, _ in blocks:
                 if (hook := getattr(block, kind)) is not None:
                     hooks.append(kernels.address(hook, kind))
                     place.append(place[-1] + len(block.states))
-                    constants.append(keep.reals(block.constants(values, step)))
             if kind == "flow":
                 by_path.append(len(hooks))
         first.append(len(hooks))
     rooms = (keep.reals([0.0] * (count * place[-1])) for count in (1, 1, 4))
     return Forces(place[-1], *(keep.ints(numbers) for numbers in (first, hooks, by_path, place, constants)), *rooms)
+
+
+def _force_constants(keep: Arena, axes: Sequence[AxisChain], step: float) -> list[int]:
+    """Return the addresses of the constants of all forces for a length of step [s], those with rates first."""
+    return [
+        keep.reals(block.constants(values, step))
+        for axis in axes
+        for kind in ("flow", "pull")
+        for block, values in axis.blocks(Socket.FORCE)
+        if getattr(block, kind) is not None
+    ]
 
 
 #: A hook, the number of its states, and its constants.

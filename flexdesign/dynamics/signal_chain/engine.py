@@ -196,7 +196,7 @@ def _command(
     path, command = reals(state.signals), reals(record.command)
     place, row = ints(places.command)[axis], axis * inputs.samples
     index = k - timing.late - (timing.segments - 1 - segment)
-    held = command[row + index] if index >= 0 else 0.0
+    held = command[row + index] if index >= 0 else reals(inputs.before)[axis]
     if not timing.linear:
         path[place] = path[place + 1] = path[place + 2] = held
         return

@@ -76,7 +76,7 @@ class Inputs(NamedTuple):
 
     `given` is the command, or in a closed loop the feedforward. `limits` are the lowest and highest command of each
     axis; `closed` is 1 where controllers act, at every `every`-th sample. `derivatives` are those of a command that is
-    smooth between its samples, per sample; 0 where it is not.
+    smooth between its samples, per sample; 0 where it is not. `before` is the command of each axis before the first.
     """
 
     axes: int
@@ -88,6 +88,7 @@ class Inputs(NamedTuple):
     closed: Ints
     limits: Reals
     derivatives: Reals
+    before: Reals
 
 
 class Timing(NamedTuple):

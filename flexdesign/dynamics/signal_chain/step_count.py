@@ -2,28 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from threading import Lock
 
-from flexdesign import effects
-from flexdesign.core.model import Block, Observation
+from flexdesign.core.model import Observation
 from flexdesign.dynamics.stage_model import AxisModel
-
-#: With steps of more than this many time constants a Runge-Kutta method of order 4 is unstable.
-RUNGE_KUTTA_LIMIT = 2.785
-
-
-def stable_steps(axis: AxisModel, period: float) -> int:
-    """Return the number of steps in a sample with which the fastest relaxation of a force is stable."""
-    times = [
-        time
-        for name, values in axis.effects.items()
-        for face in effects.find(name).faces
-        if isinstance(face, Block) and face.flow and face.relaxing
-        for time, _ in face.relaxing(values)
-    ]
-    return math.ceil(period / (RUNGE_KUTTA_LIMIT * min(times))) if times else 1
 
 
 class Steps:
