@@ -184,9 +184,7 @@ class Dataset:
         present = np.isfinite(measured)
         if not present.any():
             raise InputError("runs", observation.name, None, "holds no finite value")
-        whitened = np.empty_like(columns)
-        for k, column in enumerate(columns.T):
-            whitened[:, k] = self._whiten(observation, present, column * present)
+        whitened = self.noise.whiten(observation, columns * present[:, None]) * present[:, None]
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
         # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
         lengths = np.linalg.norm(stacked, axis=0)

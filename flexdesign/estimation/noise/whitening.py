@@ -89,5 +89,7 @@ def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     >>> stretches(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]
     """
+    if flags.all():
+        return [(0, len(flags))] if len(flags) else []
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
