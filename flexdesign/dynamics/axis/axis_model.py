@@ -320,9 +320,9 @@ class AxisDynamics:
         late = (0.0 if at_stack else self.delay) + self.axis.sensor.delay
         command, delay = self._limit_command(run), late + own.get(TRIGGER, 0.0)
         # A record that began early begins later in a longer simulation: always by as many samples, so nothing jumps.
-        early = math.ceil(-TRIGGERED_WITHIN[0] / run.period) if TRIGGER in own or run.name in self.apart else 0
-        lead = self._lead(run, own, float(command[0]))
-        command, delay = np.concatenate([command, np.full(early, command[-1])]), delay + early * run.period
+        early = math.ceil(-TRIGGERED_WITHIN[0] / run.period) if TRIGGER in own else 0
+        lead, way = self._lead(run, own, float(command[0]))
+        command, delay = np.concatenate([way, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *REVERSALS)}
         more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
         axis = with_payload(self.first, with_values(self.axis, more), run.payload)
@@ -340,21 +340,26 @@ class AxisDynamics:
             lead=lead,
         )
 
-    def _lead(self, run: Run, own: Mapping[str, float], first: float) -> Lead | None:
-        """Return the command before a record, in samples as long as the mode allows.
+    def _lead(self, run: Run, own: Mapping[str, float], first: float) -> tuple[Lead | None, Array]:
+        """Return the command before a record: in samples as long as the modes allow, then in those of the record.
 
         A run with numbers of its own comes from rest by way of two turning points, which is where its hysteresis,
-        whatever the law, is from. The ways are so smooth that the mode hardly rings.
+        whatever the law, is from. The ways are so smooth that the mode hardly rings. The last one is as late as the
+        record itself.
         """
         fastest = max(mode.frequency for mode in self._chain.modes)
         longest = min(1 / (STEPS_PER_PERIOD * self.first.natural_frequency), 1 / (SAMPLES_PER_PERIOD * fastest))
         period = run.period * max(1, int(longest / run.period))
         if run.name not in self.apart:
             lasts = self._decay(DECAYED, 0.5 * self.first.damping_ratio)
-            return Lead(np.full(math.ceil(lasts / period) + 1, first), period) if first else None
+            return (Lead(np.full(math.ceil(lasts / period) + 1, first), period) if first else None), np.zeros(0)
         turns = [0.0, *(own.get(name, share * self.max_command) for name, share in REVERSALS.items()), first]
-        samples = max(8, math.ceil(PERIODS_OF_A_WAY / (self.first.natural_frequency * period)))
-        return Lead(np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)]), period)
+        lasts = PERIODS_OF_A_WAY / self.first.natural_frequency
+        samples = [max(8, math.ceil(lasts / each)) for each in (period, period, run.period)]
+        ways = [a + (b - a) * smooth_way(n) for (a, b), n in zip(pairwise(turns), samples, strict=True)]
+        if period == run.period:
+            return None, np.concatenate(ways)
+        return Lead(np.concatenate(ways[:-1]), period), ways[-1]
 
     def _disturbances(self, axis: AxisModel, run: Run, samples: int) -> Mapping[str, Array]:
         """Return what adds to the reading; nothing does before the record."""
