@@ -16,6 +16,7 @@ import flexdesign as fd
 from flexdesign.diagnosis.check import coverage, suspicion, timing
 from flexdesign.diagnosis.check.outliers import outliers
 from flexdesign.measurements.recordings import Run, write_run
+from flexdesign.report.diagnosis import check_report
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared" / "data"
@@ -195,6 +196,9 @@ def test_unknown_noise_one_size_and_no_validation() -> None:
     assert "the noise of x is unknown" in text and "no run can be kept for validation" in text
     v = 60 + 50 * np.sin(2 * np.pi * 4.7 * T + 1)
     assert "u has one size in all runs, 100 V peak to peak" in said(run("a", u, reading(u)), run("b", v, reading(v)))
+    smaller = said(run("a", u, reading(u)), run("b", 0.8 * v, reading(0.8 * v)))
+    assert "u has nearly one size in all runs, 80 to 100 V peak to peak" in smaller
+    assert check_report.table(fd.check([run("a", u, reading(u))])).rows[0][1] == "slow loops"  # a sine is no triangle
 
 
 def test_steps_of_several_sizes_are_no_command_of_one_size() -> None:

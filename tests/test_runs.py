@@ -129,6 +129,12 @@ def test_lines_are_counted_as_an_editor_counts_them(tmp_path: Path) -> None:
         ),
         ("t [s],u [V],x [N]", "0.005,5,10", "line 1, header cell 3 = x [N]: 'N' is wrong here"),
         ("t [V],u [V],x [um]", "0.005,5,10", "line 1, header cell 1 = t [V]: 'V' is wrong here"),
+        (
+            "t [s],u [A],x [um]",
+            "0.005,5,10",
+            "line 1, header cell 2 = u [A]: 'A' is wrong here: it is not a unit of voltage; expected a unit like V; a "
+            "command that is no voltage, as a current or a force, is written in V, one for one",
+        ),
         ("t [s];u [V];x [um]", "0,005;5;10", "line 1 = t [s];u [V];x [um]: separate cells by commas"),
     ],
 )

@@ -255,7 +255,10 @@ def si_of(unit: str, allowed: Sequence[str] = ANY) -> str:
             if si != "rad" or _ANGLE.search(unit):  # to the register of units a percent is an angle as well
                 return si
             first = first or ValueError(f"{unit!r} is no unit of angle")
-    raise ValueError(f"{first}; expected a unit like {' or '.join(allowed)}")
+    remedy = f"expected a unit like {' or '.join(allowed)}"
+    if tuple(allowed) == ("V",):
+        remedy += "; a command that is no voltage, as a current or a force, is written in V, one for one"
+    raise ValueError(f"{first}; {remedy}")
 
 
 def in_si(values: Array, unit: str, si: str) -> Array:

@@ -192,7 +192,9 @@ def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: 
     for name, (least, most) in coverage.levels_of(runs).items():
         if most < 1.5 * least and len(runs) > 1:
             remedy = "record the same command small and large: nonlinear effects show in the difference"
-            found.append(Suspicion("", f"{name} has one size in all runs, {most:.4g} V peak to peak", remedy))
+            low, high = f"{least:.4g}", f"{most:.4g}"
+            size = f"one size in all runs, {high}" if low == high else f"nearly one size in all runs, {low} to {high}"
+            found.append(Suspicion("", f"{name} has {size} V peak to peak", remedy))
     for run in runs:
         for axis in run.responses:
             if (fastest := _resonance(run, axis)) and 1 / run.period < FEWEST_PER_PERIOD * fastest:

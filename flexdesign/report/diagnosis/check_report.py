@@ -21,6 +21,8 @@ from flexdesign.report.traces import thin_out
 PANELS, COLUMNS = 12, 2
 #: SI units of responses, which are written with the prefix that suits their range.
 RESPONSES = ("m", "rad", "m/V", "rad/V")
+#: Kinds of experiment whose names say more than a record shows: a slow sine turns, too.
+SHORT_NAMES = {"triangle": "slow loops"}
 
 
 def table(check: Check) -> Table:
@@ -28,7 +30,7 @@ def table(check: Check) -> Table:
     rows = []
     for recording in check.recordings:
         channels = "; ".join(_channel(channel) for channel in recording.channels)
-        kind = recording.kind or ", ".join(recording.kinds) or "–"
+        kind = recording.kind or ", ".join(SHORT_NAMES.get(kind, kind) for kind in recording.kinds) or "–"
         rows.append([recording.name, kind, recording.role, *_length(recording), channels])
     for each in check.tables:
         parts = f"{each.parts} part{'s' if each.parts > 1 else ''}"
