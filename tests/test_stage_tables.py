@@ -106,6 +106,7 @@ def test_finite_elements_agree_with_the_model_and_not_with_the_papers():
     assert (bare.significance > 1).all()
 
 
+@pytest.mark.slow
 def test_the_ladder_leads_from_the_papers_formulas_to_finite_elements():
     fem = {quantity.key: quantity for quantity in BENCH}
     fem |= {key.replace("_x_", "_y_"): quantity for key, quantity in fem.items() if "_x_" in key}

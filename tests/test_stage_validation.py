@@ -630,6 +630,7 @@ def test_springs_of_the_formulas_hold_no_masses(run: Run) -> None:
         assert all(quantity.si == "N/m" for _, _, quantity, _ in rows)
 
 
+@pytest.mark.slow
 def test_the_shipped_stage_has_what_it_was_sized_to(tmp_path: Path) -> None:
     """Formulas and arms exactly; K_out and travels by FEM within two percent, what such coarse meshes are good for."""
     study = studies.read("table1", ["output.large_steps=0", "mesh.at_root=0.3", 'mesh.largest="2.5 mm"'])

@@ -104,6 +104,7 @@ def test_a_run_that_begins_with_a_gap_is_cut_behind_it(monkeypatch: pytest.Monke
     assert short is not None and np.isfinite(short.runs[0].measured()).any()
 
 
+@pytest.mark.slow
 def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     long(monkeypatch, 6_000)
     model, runs = demo()

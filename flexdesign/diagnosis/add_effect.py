@@ -116,7 +116,7 @@ def add(
     progress("reading the noise")
     data = prepare(model, runs, axis, None, noise)
     _check(data, name, model)
-    with estimation_setup.simulating(2) as each:
+    with estimation_setup.simulating() as each:
         data = estimation_setup.choose_interpolation(model, data, each, progress)
         dynamics, task = estimation_setup.case_of(model, data, each, progress)
 

@@ -61,7 +61,7 @@ def compare(
     every = [replace(each, role="identify", role_is_stated=True) for each in recorded if isinstance(each, Run)]
     progress("fitting the initial conditions of each run")
     data = prepare(model, every, plain.axis, None, noise)
-    with simulating(2) as each:
+    with simulating() as each:
         dynamics, task = case_of(model, data, each, progress)
         fit = evaluate_design(replace(task, free=(), prior_bound=PRIOR_BOUND), dynamics)
     residuals = predict_tests(task, fit).residuals_by_run

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexdesign import effects
@@ -211,6 +211,7 @@ def test_outside_b_at_least_c_it_warns() -> None:
     assert "neither bounded nor dissipative" in effect.cautions({"a": 1.0, "b": 0.01, "c": -0.02, "n": 1.0})[0]
 
 
+@settings(max_examples=30)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=20), orders)
 def test_inverse_gives_the_voltage_back(path: list[float], n: float) -> None:
     gain, a, b, c = 2.0, 0.4, 0.02, 0.004

@@ -59,7 +59,7 @@ INTERPOLATION_TEXTS = {
 
 
 @contextmanager
-def simulating(threads: int) -> Iterator[ParallelMap]:
+def simulating(threads: int = 2) -> Iterator[ParallelMap]:
     """Give a map shared among a number of threads; those of linear algebra would fight with them, on small matrices."""
     with threadpool_limits(1), shared_pool(threads) as each:
         yield each

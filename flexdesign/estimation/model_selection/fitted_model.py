@@ -262,17 +262,19 @@ def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]
     Of an effect that the fit has several times the first ones stay, whichever were asked for, at the values of those.
     """
     effects, renamed = _renumber(fit, effects)
-    return fit_model(task, with_other_effects(task, fit, effects, fit.model).replace(renamed), effects)
+    return fit_model(task, with_other_effects(task, fit, effects).replace(renamed), effects)
 
 
-def with_other_effects(task: EstimationTask, fit: FittedModel, effects: Sequence[Candidate], source: Model) -> Model:
-    """Return the model of a fit with other effects, at the values that it has, and otherwise at those of `source`.
+def with_other_effects(task: EstimationTask, fit: FittedModel, effects: Sequence[Candidate], *others: Model) -> Model:
+    """Return the model of a fit with other effects, at the values that it has, and otherwise at those of other models.
 
     A bandwidth, a delay or a limit is a number of the model itself: that of an effect that is dropped goes with it.
     """
     dropped = {name for effect in fit.effects if effect not in effects for name in effect.free}
-    model = with_values(with_effects(task.bare(fit.model), effects), source, dropped)
-    return with_values(model, fit.model, dropped)
+    model = with_effects(task.bare(fit.model), effects)
+    for source in (*others, fit.model):
+        model = with_values(model, source, dropped)
+    return model
 
 
 def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[Candidate, ...], dict[str, float]]:
