@@ -170,6 +170,15 @@ def test_a_gap_between_irregular_times_stays_one(tmp_path: Path) -> None:
     assert "samples, the first at 0.499" in run.remarks[-1]
 
 
+def test_a_command_that_never_moves_is_known_between_rows_far_apart(tmp_path: Path) -> None:
+    """As of a controller that logs every 6 ms, and for a while every 40 ms: where samples lack, the command still stands."""
+    t = np.cumsum(np.repeat([6e-3, 40e-3, 6e-3], [60, 6, 30]) + 5e-4 * np.random.default_rng(4).uniform(-1, 1, 96))
+    run = read_run(file(tmp_path, [[f"{a:.9f}", 40, b] for a, b in zip(t, np.sin(5 * t), strict=True)]))
+    assert np.all(run.command() == 40)
+    assert np.isnan(run.measured()).any()
+    assert run.remarks[1].startswith("u is missing in ") and run.remarks[1].endswith("bridged")
+
+
 def test_times_by_chance_are_refused(tmp_path: Path) -> None:
     t = np.cumsum(np.random.default_rng(3).pareto(1.0, 2000) + 1e-3)
     said = refusal(file(tmp_path, [[f"{a:.9f}", np.sin(a), np.cos(a)] for a in t]))

@@ -23,7 +23,7 @@ def fill_gaps(
     """Return columns whose commands have no gap, and remarks.
 
     A gap is bridged as the command goes between its samples. It may be `SHORT`; or as long as the command stands still
-    at one value before and after it, each time for as long as the gap: then it most likely stood still in between.
+    at one value before and after it, each time in as many samples: then it most likely stood still in between.
 
     Raises
     ------
@@ -56,11 +56,12 @@ def fill_gaps(
 
 
 def _stands(values: Array, first: int, last: int) -> bool:
-    """Tell whether a command stands at one value as long before as after the gap that begins at `first`."""
-    around = np.concatenate([values[max(first - (last - first), 0) : first], values[last : last + (last - first)]])
-    if len(around) < 2 * (last - first) or not np.isfinite(around).all():
+    """Tell whether a command never moves, or stands for as many samples as a gap has before and after it."""
+    count, span = last - first, float(np.nanmax(values) - np.nanmin(values))
+    before, after = (part[np.isfinite(part)] for part in (values[:first], values[last:]))
+    if span > 0 and min(len(before), len(after)) < count:
         return False
-    return float(np.ptp(around)) <= STILL * float(np.nanmax(values) - np.nanmin(values))
+    return float(np.ptp(np.concatenate([before[-count:], after[:count]]))) <= STILL * span
 
 
 def recordings_apart(time: Array, commands: Sequence[Array]) -> list[slice]:
