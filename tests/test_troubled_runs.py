@@ -171,7 +171,7 @@ def test_a_gap_between_irregular_times_stays_one(tmp_path: Path) -> None:
 
 
 def test_a_command_that_never_moves_is_known_between_rows_far_apart(tmp_path: Path) -> None:
-    """As of a controller that logs every 6 ms, and for a while every 40 ms: where samples lack, the command still stands."""
+    """As of a controller that logs every 6 ms, and for a while every 40 ms: between, the command still stands."""
     t = np.cumsum(np.repeat([6e-3, 40e-3, 6e-3], [60, 6, 30]) + 5e-4 * np.random.default_rng(4).uniform(-1, 1, 96))
     run = read_run(file(tmp_path, [[f"{a:.9f}", 40, b] for a, b in zip(t, np.sin(5 * t), strict=True)]))
     assert np.all(run.command() == 40)
