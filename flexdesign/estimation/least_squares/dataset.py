@@ -150,7 +150,7 @@ class Dataset:
 
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
-        vector = self._whiten(record.observation, record.present, difference)
+        vector = self._whiten(record.observation, record.present, difference[:, None])[:, 0]
         padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
         return np.asarray(padded - record.basis @ (record.basis.T @ padded))
 
@@ -162,7 +162,7 @@ class Dataset:
     def remainder(self, record: Record, predicted: Array) -> Array:
         """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
         difference = record.difference(predicted)
-        vector = self._whiten(record.observation, record.present, difference)
+        vector = self._whiten(record.observation, record.present, difference[:, None])[:, 0]
         amounts = record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])])
         return np.where(record.present, difference - record.columns @ amounts, np.nan)
 
@@ -184,7 +184,7 @@ class Dataset:
         present = np.isfinite(measured)
         if not present.any():
             raise InputError("runs", observation.name, None, "holds no finite value")
-        whitened = self.noise.whiten(observation, columns * present[:, None]) * present[:, None]
+        whitened = self._whiten(observation, present, columns * present[:, None])
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
         # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
         lengths = np.linalg.norm(stacked, axis=0)
@@ -197,5 +197,5 @@ class Dataset:
         )
         return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
 
-    def _whiten(self, observation: Observation, present: NDArray[np.bool_], difference: Array) -> Array:
-        return np.asarray(self.noise.whiten(observation, difference[:, None])[:, 0] * present)
+    def _whiten(self, observation: Observation, present: NDArray[np.bool_], columns: Array) -> Array:
+        return np.asarray(self.noise.whiten(observation, columns) * present[:, None])
