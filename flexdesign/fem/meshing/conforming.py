@@ -131,12 +131,12 @@ def _with_curved_faces(domain: Domain, sizing: PlacedSizes, coarseness: float) -
         ]
     )
     large = bends[:, 3] >= SMALL * diagonal
-    per_radius = PER_RADIUS / coarseness if large.all() else NEXT_TO_NONE
+    per_radius = PER_RADIUS / coarseness
     bends = bends[large]
     chords = np.minimum(CHORD * diagonal, CHORD_AT_HINGES * _adjacent_hinge(domain, bends[:, :3])) * coarseness**2
     lengths = np.sqrt(8 * bends[:, 3] * chords)
     if not large.all():
-        lengths = np.minimum(lengths, bends[:, 3] / PER_RADIUS * coarseness)
+        lengths, per_radius = np.minimum(lengths, bends[:, 3] / per_radius), NEXT_TO_NONE
     return np.vstack([sizing.places, bends[:, :3]]), np.concatenate([sizing.sizes, lengths]), per_radius
 
 
