@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Controller, Socket
+from flexdesign.dynamics.signal_chain.arena import Arena
 from flexdesign.dynamics.signal_chain.interpolation import derivatives, smooth
-from flexdesign.dynamics.signal_chain.memory_layout import Coupling, Inputs, Record
+from flexdesign.dynamics.signal_chain.memory_layout import Coupling, Inputs
 from flexdesign.dynamics.step_error import SAFETY, error_left, is_same_divergence, relative_change
 
 if TYPE_CHECKING:
-    from flexdesign.dynamics.signal_chain.chain import AxisChain, Program
+    from flexdesign.dynamics.signal_chain.chain import AxisChain
+    from flexdesign.dynamics.signal_chain.program import Program
 
 Array = NDArray[np.float64]
 #: The error that a simulation may have, relative to the largest span of motion.
@@ -293,14 +295,12 @@ class _Inputs:
 
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
-        from flexdesign.dynamics.signal_chain import engine  # compiles: only where something is run
-        from flexdesign.dynamics.signal_chain.arena import Arena
-        from flexdesign.dynamics.signal_chain.chain import program
+        from flexdesign.dynamics.signal_chain.program import program  # compiles: only where something is run
 
-        stage, axes, keep = self.stage, len(self.stage.axes), Arena()
+        keep = Arena()
         laid_out, of_lead = program(
             keep,
-            stage.axes,
+            self.stage.axes,
             self.controllers,
             self.period,
             substeps,
@@ -309,7 +309,20 @@ class _Inputs:
             every=self.every,
             lead_period=self.lead.period if self.lead else 0.0,
         )
-        inputs = Inputs(
+        inputs, coupling, bound = self._inputs(keep), self._coupling(keep), self._runaway_limit()
+        keep.fill()
+        if self.lead is not None and not self._is_led(of_lead, inputs, coupling, bound):
+            empty = np.zeros((inputs.axes, 0))
+            return Response(empty[0], empty, empty, empty, empty, empty, empty, error, substeps, 0.0)
+        record, done = laid_out.run(inputs, coupling, bound)
+        time = self.period * np.arange(done, dtype=np.float64)
+        diverged = None if done == self.count else done * self.period
+        command, cut, voltage, drive, motion, reading = record[:, :, :done]
+        return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
+
+    def _inputs(self, keep: Arena) -> Inputs:
+        axes = len(self.stage.axes)
+        return Inputs(
             axes,
             self.count,
             self.every,
@@ -321,51 +334,24 @@ class _Inputs:
             0 if self.derivatives is None else self.derivatives.ctypes.data,
             keep.reals([self.lead.command[-1]] if self.lead else [0.0] * axes),
         )
-        linear, square = [float(i == j) for i in range(axes) for j in range(axes)], [0.0] * axes**2
-        if stage.coupling is not None:
-            linear = np.ravel(stage.coupling).tolist()
-        if stage.quadratic_coupling is not None:
-            square = np.ravel(stage.quadratic_coupling).tolist()
-        coupling = Coupling(keep.reals(linear), keep.reals(square))
-        keep.fill()
 
-        def run(of: Program, given: Inputs) -> tuple[Array, int]:
-            record = np.empty((6, axes, given.samples))  # what the engine fills in is all that is read
-            first, size = record.ctypes.data, record.strides[0]
-            done = engine.run(
-                given,
-                of.timing,
-                of.signals,
-                of.command_ticks,
-                of.block_calls,
-                of.forces,
-                of.modes,
-                coupling,
-                of.sensor_ticks,
-                of.controllers,
-                of.state,
-                self._runaway_limit(),
-                Record(*(first + size * i for i in range(len(record)))),
-            )
-            return record, done
+    def _coupling(self, keep: Arena) -> Coupling:
+        axes = len(self.stage.axes)
+        linear = np.eye(axes) if self.stage.coupling is None else self.stage.coupling
+        square = np.zeros((axes, axes)) if self.stage.quadratic_coupling is None else self.stage.quadratic_coupling
+        return Coupling(keep.reals(np.ravel(linear).tolist()), keep.reals(np.ravel(square).tolist()))
 
-        if self.lead is not None:
-            way, still = self.lead.command, np.zeros((2, len(self.lead.command)))
-            given, rests = way.ctypes.data, still.ctypes.data
-            leading = inputs._replace(samples=len(way), given=given, reference=rests, noise=rests, derivatives=0)
-            _, done = run(of_lead, leading)
-            if done < len(way):
-                empty = np.zeros((axes, 0))
-                return Response(empty[0], empty, empty, empty, empty, empty, empty, error, substeps, 0.0)
-        record, done = run(laid_out, inputs)
-        command, cut, voltage, drive, motion, reading = record[:, :, :done]
-        time = self.period * np.arange(done, dtype=np.float64)
-        diverged = None if done == self.count else done * self.period
-        return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
+    def _is_led(self, of_lead: Program, inputs: Inputs, coupling: Coupling, bound: float) -> bool:
+        """Run the lead, whose state the record begins with; return whether its motion stays within the bound."""
+        assert self.lead is not None
+        command, still = self.lead.command, np.zeros((2, len(self.lead.command)))
+        given, rests = command.ctypes.data, still.ctypes.data
+        leading = inputs._replace(samples=len(command), given=given, reference=rests, noise=rests, derivatives=0)
+        return of_lead.run(leading, coupling, bound)[1] == len(command)
 
     def change_unseen(self, steps: int, found: Response, most: int) -> float:
         """Return what more steps change behind jumps of a held command, relative; zero where half as many suffice."""
-        from flexdesign.dynamics.signal_chain.chain import number_of_steps
+        from flexdesign.dynamics.signal_chain.program import number_of_steps
 
         coarse, fine = (number_of_steps(self.period, count, self.delay)[-1] for count in (steps // 2, steps))
         if self.is_linear or fine > coarse:

@@ -1,7 +1,7 @@
 """What the engine is given: the tables of a chain, by the addresses of their arrays.
 
 Addresses, because an array that compiled code takes apart is counted at every turn, and that counting cost more than
-the physics. `flexdesign.dynamics.signal_chain.chain` makes the arrays and keeps them.
+the physics. `flexdesign.dynamics.signal_chain.program` makes the arrays and keeps them.
 """
 
 from __future__ import annotations
