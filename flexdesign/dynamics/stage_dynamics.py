@@ -177,7 +177,7 @@ def after_full_cycles(axis: AxisModel) -> AxisModel:
 def _remembers_motion(effect: Effect) -> bool:
     """Tell whether an effect depends on where the stage came from: a hysteresis, or a force with states."""
     blocks = (face for face in effect.faces if isinstance(face, Block) and face.socket is Socket.FORCE)
-    return effect.is_hysteresis or any(block.states for block in blocks)
+    return effect.is_hysteresis or any(block.remembers for block in blocks)
 
 
 def _steady(hysteresis: Mapping[str, float], low: float, high: float) -> tuple[float, float]:

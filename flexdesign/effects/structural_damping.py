@@ -9,10 +9,6 @@ whose loss is g w tau / (1 + (w tau)^2) each: with the ratio R between neighbour
 ripple of 2 / cosh(pi^2 / ln R), less than a thousandth at two in a decade. The relaxations above the band act as a
 dashpot within it.
 
-A relaxation that is faster than a step of simulation would ask for shorter steps than the motion does. It is replaced
-by one as fast as a step lasts and a dashpot, which have its loss and its storage at low frequencies: g / (1 + j w tau)
-has the same first and second moment.
-
 Storage grows with loss: between the ends of the band stiffness rises by g for each relaxation passed.
 """
 
@@ -23,51 +19,30 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model import PIEZO, Block, Effect, Maxwell, Parameter, Socket
 from flexdesign.core.model.effect import Floats, Values
 
 #: Corner frequencies: 0.1 Hz to 1 kHz, two in a decade.
 LOWEST, TERMS, RATIO = 0.1, 9, math.sqrt(10.0)
 
 
-def constants(values: Values, step: float) -> tuple[float, ...]:
-    """Return a dashpot [s], then for each relaxation its rate [1/s] and stiffness, over that of the stage.
-
-    The dashpot stands for all relaxations above the band, and for those faster than a step.
-    """
+def maxwell(values: Values) -> Maxwell:
+    """Return the relaxations, and a dashpot that stands for all above the band."""
     g = 2.0 * math.log(RATIO) / math.pi * values["loss_factor"]
     rates = [2 * math.pi * LOWEST * RATIO**i for i in range(TERMS)]
-    dashpot = g / (rates[-1] * RATIO) / (1.0 - 1.0 / RATIO)  # the sum of the times of those above the band
-    numbers = list[float]()
-    for rate in rates:
-        slower = min(rate * step, 1.0) / (rate * step) if step else 1.0
-        dashpot += g / rate * (1.0 - slower)
-        numbers += [slower * rate, slower**2 * g]
-    return dashpot, *numbers
-
-
-def flow(drive: float, position: float, velocity: float, state: Floats, rates: Floats, constants: Floats) -> float:
-    """Return the force of all relaxations, and the rates of their states."""
-    force = -constants[0] * velocity
-    for i in range(TERMS):
-        off = position - state[i]
-        rates[i] = constants[1 + 2 * i] * off
-        force -= constants[2 + 2 * i] * off
-    return force
+    # The sum of the times of those above the band.
+    return Maxwell(g / (rates[-1] * RATIO) / (1.0 - 1.0 / RATIO), tuple((rate, g) for rate in rates))
 
 
 def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> NDArray[np.complex128]:
     """Return the force of all relaxations per displacement, over the stiffness."""
-    dashpot, *numbers = constants(values, 0.0)
-    w = 2j * math.pi * frequency
-    pairs = zip(numbers[::2], numbers[1::2], strict=True)
-    return np.asarray(-dashpot * w - sum(g * w / (w + rate) for rate, g in pairs))
+    force, w = maxwell(values), 2j * math.pi * frequency
+    return np.asarray(-force.dashpot * w - sum(g * w / (w + rate) for rate, g in force.elements))
 
 
 def relaxing(values: Values) -> list[tuple[float, float]]:
     """Return the time constants of the relaxations, and by what share of the stroke each may be from rest."""
-    _, *numbers = constants(values, 0.0)
-    return [(1.0 / rate, g) for rate, g in zip(numbers[::2], numbers[1::2], strict=True)]
+    return [(1.0 / rate, g) for rate, g in maxwell(values).elements]
 
 
 EFFECT = Effect(
@@ -88,9 +63,7 @@ EFFECT = Effect(
     faces=(
         Block(
             Socket.FORCE,
-            states=tuple(f"y{i}" for i in range(TERMS)),
-            constants=constants,
-            flow=flow,
+            maxwell=maxwell,
             transfer=transfer,
             relaxing=relaxing,
         ),

@@ -86,6 +86,22 @@ class Disturbance:
 
 
 @dataclass(frozen=True)
+class Maxwell:
+    """A linear force with relaxations, over the stiffness: f = -dashpot x' - sum k (x - y), y' = rate (x - y).
+
+    Parameters
+    ----------
+    dashpot
+        Viscosity over the stiffness [s].
+    elements
+        Pairs: the rate of a Maxwell element [1/s], and its stiffness over that of the stage.
+    """
+
+    dashpot: float
+    elements: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
 class Block:
     """A face that takes part in the signal chain in time.
 
@@ -117,6 +133,9 @@ class Block:
         ``pull(begin, end, state, constants)``, for forces that depend on the path of the position alone and bend
         somewhere on it, such as friction and contacts: takes its state from one position to the other and returns the
         force there, as `flow` does. However fast its state follows, it asks for no shorter steps.
+    maxwell
+        ``maxwell(values)``, for forces that are linear: a dashpot and Maxwell elements, which are solved exactly with
+        the modes. It need not compile.
     tick
         ``tick(value, state, constants)``, once per sample at the command or the sensor: returns the new value.
     transfer
@@ -142,10 +161,16 @@ class Block:
     move: Callable[[Floats, Floats, Floats, Floats], None] | None = None
     flow: Callable[[float, float, float, Floats, Floats, Floats], float] | None = None
     pull: Callable[[float, float, Floats, Floats], float] | None = None
+    maxwell: Callable[[Values], Maxwell] | None = None
     tick: Callable[[float, Floats, Floats], float] | None = None
     transfer: Callable[[Values, Floats, float, float], complex | NDArray[np.complex128]] | None = None
     relaxing: Callable[[Values], Sequence[tuple[float, float]]] | None = None
     settled: Callable[[Values, float], float] | None = None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether its output depends on more than the present input."""
+        return bool(self.states or self.memory or self.maxwell)
 
 
 @dataclass(frozen=True)

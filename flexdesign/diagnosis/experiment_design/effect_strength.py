@@ -138,7 +138,7 @@ def _without_effect(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
 
     def is_hysteresis(each: Effect) -> bool:
         blocks = [face for face in each.faces if isinstance(face, Block) and face.socket is Socket.HYSTERESIS]
-        return any(block.states or block.memory for block in blocks)  # without memory it is a curve, no loop
+        return any(block.remembers for block in blocks)  # without memory it is a curve, no loop
 
     remaining = {
         other: values

@@ -377,7 +377,7 @@ class AxisDynamics:
     def _remembers(self) -> bool:
         """Whether an effect has a memory of where the voltage had turned; that of modes and filters is short."""
         faces = (face for name in self.axis.effects for face in effects.find(name).faces)
-        return any(isinstance(face, Block) and bool(face.states or face.memory) for face in faces)
+        return any(isinstance(face, Block) and face.remembers for face in faces)
 
     @cached_property
     def _is_disturbed(self) -> bool:

@@ -45,8 +45,41 @@ def step(a: Array, b: Array, length: float, until: float = 1.0) -> Step:
     >>> step(np.array([[-2.0]]), np.array([2.0]), 0.5).transition.round(6)
     array([[0.367879]])
     """
-    n = len(a)
-    h = until * length
+    return Step(*_passage(a, b, length, until))
+
+
+@njit(cache=True, error_model="numpy")
+def half_and_whole(a0: float, a1: float, b0: float, b1: float, length: float) -> Array:
+    """Return 16 numbers of p' = q + b0 d, q' = -a0 p - a1 q + b1 d over a step, see `memory_layout.Modes`.
+
+    Parameters
+    ----------
+    a0, a1, b0, b1
+        The coefficients of a part, see `partial_fractions.Part`.
+    length
+        Length of the step [s].
+    """
+    # In p and q over w, where the matrix is balanced; then in p and q.
+    w = math.sqrt(a0) if a0 > 0.0 else abs(a1)
+    a, b = np.array([[0.0, w], [-a0 / w, -a1]]), np.array([b0, b1 / w])
+    numbers = np.empty(16)
+    for first, until in ((0, 0.5), (6, 1.0)):
+        transition, weights = _passage(a, b, length, until)
+        for i in range(2):
+            size = 1.0 if i == 0 else w
+            numbers[first + 2 * i] = size * transition[i, 0]
+            numbers[first + 2 * i + 1] = size * transition[i, 1] / w
+            if until < 1.0:
+                numbers[first + 4 + i] = size * weights[i].sum()
+            else:
+                numbers[first + 4 + 3 * i : first + 7 + 3 * i] = size * weights[i]
+    return numbers
+
+
+@njit(cache=True, error_model="numpy")
+def _passage(a: Array, b: Array, length: float, until: float) -> tuple[Array, Array]:
+    """Return transition and weights, see `Step`."""
+    n, h = len(a), until * length
     # With the input's monomials as further states, 1 -> s -> s^2, one matrix exponential holds every integral.
     big = np.zeros((n + 3, n + 3))
     big[:n, :n] = h * a
@@ -54,8 +87,11 @@ def step(a: Array, b: Array, length: float, until: float = 1.0) -> Step:
     big[n, n + 1] = big[n + 1, n + 2] = 1.0
     exponential = _exponential(big)
     # exponential[:n, n + j] is the response to the input sigma^j / j!, with sigma = 1 at the moment looked at.
-    to_monomials = np.diag([1.0, until, 2.0 * until**2])
-    return Step(exponential[:n, :n], exponential[:n, n:] @ to_monomials @ _PARABOLA)
+    weights, to_monomials = np.zeros((n, 3)), (1.0, until, 2.0 * until**2)
+    for j in range(3):
+        for k in range(3):
+            weights[:, k] += exponential[:n, n + j] * (to_monomials[j] * _PARABOLA[j, k])
+    return exponential[:n, :n].copy(), weights
 
 
 @njit(cache=True, error_model="numpy")

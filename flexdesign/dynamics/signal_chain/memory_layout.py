@@ -33,7 +33,7 @@ class BlockCalls(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """The modes, axis after axis: x'' + 2 zeta w x' + w^2 x = share w^2 (drive + force).
+    """The modes, or parts of them, axis after axis, see `partial_fractions.Part`, under drive and force together.
 
     `first` holds for each axis its first mode, and the count behind the last. A passage, one for each segment and
     mode, holds 16 numbers: transition over half a step (4), weights of an input that is constant over half a step (2),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import accumulate
 
 import numpy as np
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 
 from flexdesign.core.model import Block, Controller, Socket
 from flexdesign.core.model.effect import Values
-from flexdesign.dynamics.signal_chain import engine, exact_step, kernels
+from flexdesign.dynamics.signal_chain import engine, kernels
 from flexdesign.dynamics.signal_chain.arena import Arena
-from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
+from flexdesign.dynamics.signal_chain.chain import AxisChain
 from flexdesign.dynamics.signal_chain.memory_layout import (
     BlockCalls,
     Coupling,
@@ -28,6 +27,7 @@ from flexdesign.dynamics.signal_chain.memory_layout import (
     Ticks,
     Timing,
 )
+from flexdesign.dynamics.signal_chain.partial_fractions import parts, step_matrices
 
 #: Sockets before the mechanics, in the order of the signal.
 UPSTREAM = (Socket.COMMAND, Socket.DRIVER, Socket.HYSTERESIS, Socket.ACTUATOR)
@@ -121,7 +121,8 @@ def program(
     motion = [builder.slot() for _ in axes]
     reading = [builder.sensor(axis, place) for axis, place in zip(axes, motion, strict=True)]
     signals = keep.reals([0.0] * (3 * builder.slots))
-    modes = [mode for axis in axes for mode in axis.modes]
+    of_axes = [parts(axis) for axis in axes]
+    modes = [part for each in of_axes for part in each]
     made = Program(
         Timing(
             segments,
@@ -137,8 +138,8 @@ def program(
         _forces(keep, axes, period / substeps),
         Modes(
             len(modes),
-            keep.ints(list(accumulate((len(axis.modes) for axis in axes), initial=0))),
-            keep.reals([number for step in lengths for mode in modes for number in _step_matrices(mode, step)]),
+            keep.ints(list(accumulate(map(len, of_axes), initial=0))),
+            keep.reals([number for step in lengths for part in modes for number in step_matrices(part, step)]),
         ),
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
         _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
@@ -186,19 +187,6 @@ def _within(shares: Sequence[float], steps: Sequence[int]) -> list[float]:
         for step in range(count)
         for half in (0.0, 0.5, 1.0)
     ]
-
-
-@lru_cache(maxsize=4096)
-def _step_matrices(mode: Oscillator, step: float) -> tuple[float, ...]:
-    """Return the 16 numbers of a mode's passage over a step, see `memory_layout.Modes`."""
-    w = 2 * math.pi * mode.frequency
-    # In position and velocity over w, where the matrix is balanced; then in position and velocity.
-    a, b = w * np.array([[0.0, 1.0], [-1.0, -2 * mode.damping_ratio]]), w * np.array([0.0, mode.share])
-    half, whole = exact_step.step(a, b, 0.5 * step), exact_step.step(a, b, step)
-    both, rows = np.array([[1.0, 1 / w], [w, 1.0]]), np.array([1.0, w])
-    held = rows * half.weights.sum(axis=1)
-    weights = rows[:, None] * whole.weights
-    return tuple(map(float, (*(both * half.transition).flat, *held, *(both * whole.transition).flat, *weights.flat)))
 
 
 class _StepBuilder:
