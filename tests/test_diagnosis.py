@@ -538,6 +538,17 @@ def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
 
 
+@pytest.mark.parametrize(("end", "verdict"), [(0, "unknown"), (1, "effects-found")])
+def test_a_mode_that_no_run_shows_hides_no_effect(end: int, verdict: str) -> None:
+    """The highest natural frequency says that the motion is quasi-static; the lowest one that the model is wrong."""
+    about = data()
+    parameters = case_of(StageModel({"x": about.axis}), about, map, str)[0].parameters()
+    (ends,) = (p.plausible for p in parameters if p.name == "natural_frequency")
+    moved = {"natural_frequency": ends[end]}
+    course = course_of(fit(about, MUCH, MUCH), fit(about, 0.1 * MUCH, 0.1 * MUCH, [creep(about)], moved))
+    assert concluded(about, course, is_end_relevant=True).verdict == verdict
+
+
 def test_numbers_of_the_model_at_an_end_are_said() -> None:
     about = data()
     name = "damping_ratio"

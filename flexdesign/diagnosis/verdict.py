@@ -213,11 +213,14 @@ def _own_ends(fit: FittedModel) -> list[str]:
 
 
 def _own_limits(fit: FittedModel) -> list[str]:
-    """Return the model's own numbers at a limit of their plausible range, whatever their priors say."""
+    """Return the model's own numbers at a limit of their plausible range, whatever their priors say.
+
+    The highest natural frequency is none: the runs then show no mode.
+    """
     where, own = fit.solution.problem.where, own_numbers(fit)
     values = where.values(fit.solution.x)
-    near = {p.name: np.isclose(values[p.name], p.plausible, rtol=1e-6, atol=0.0) for p in where.parameters}
-    return [name for name in own if near[name].any()]
+    limits = {p.name: p.plausible if p.name != "natural_frequency" else p.plausible[:1] for p in where.parameters}
+    return [name for name in own if np.isclose(values[name], limits[name], rtol=1e-6, atol=0.0).any()]
 
 
 def accepted_fits(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:
@@ -257,6 +260,8 @@ def _share(
 def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
     """Return the fitted numbers that belong to no run, with their 95 % intervals by the profile likelihood, by name.
 
+    The intervals of strengths are those by which effects were kept.
+
     Parameters
     ----------
     fit, is_fitted
@@ -265,7 +270,9 @@ def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
     """
     where = fit.solution.problem.where
     present = where.values(fit.solution.x)
-    found = intervals(fit.solution, [p.name for p in where.parameters if not p.run])
+    names, strengths = [p.name for p in where.parameters if not p.run], {effect.strength for effect in fit.effects}
+    found = [each for name in names if name in strengths for each in intervals(fit.solution, [name])]
+    found += intervals(fit.solution, [name for name in names if name not in strengths])
     values = {e.name: e.value if is_fitted and e.value is not None else present[e.name] for e in found}
     return {e.name: Value(e.parameter, values[e.name], e.interval or e.parameter.plausible) for e in found}
 
