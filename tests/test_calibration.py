@@ -13,7 +13,7 @@ import pytest
 from flexdesign.diagnosis.calibration import calibrate, evaluate_design
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset
 from tests.estimation.toys import Array, Run, parameter
 

@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 
 import flexdesign as fd
 from flexdesign.diagnosis.check import coverage, suspicion, timing
-from flexdesign.diagnosis.check.outliers import outliers
+from flexdesign.diagnosis.check.suspicion import outliers
 from flexdesign.measurements.recordings import Run, write_run
 from flexdesign.report.diagnosis import check_report
 

@@ -27,7 +27,7 @@ from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import NAMES, N, Shape, Sum, base, column, offset
 from tests.estimation.toys import Array, Run, parameter
 

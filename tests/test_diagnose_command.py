@@ -26,8 +26,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, discriminating_experiments, initialised_comparison
 from flexdesign.diagnosis.preparation.dataset import prepare
-from flexdesign.diagnosis.residual_comparison import compare_model
-from flexdesign.diagnosis.result import CandidateRecord
+from flexdesign.diagnosis.result import CandidateRecord, compare_model
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel

@@ -23,12 +23,12 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis import verdict as judgement
-from flexdesign.diagnosis.effect_selection.basis_functions import BasisFunctions
+from flexdesign.diagnosis.effect_selection.black_box_models import BasisFunctions
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
+from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
 from flexdesign.diagnosis.remainder import is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory
@@ -44,8 +44,7 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import ColouredNoise
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.estimation.uncertainty.identifiability import Estimate
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.noise_level.noise_floor import ADEQUATE, ERRORS
@@ -90,10 +89,10 @@ def test_a_line_hidden_in_quiet_records_is_seen_in_what_is_left_of_others(step: 
     left = {run.name: NOISE * (1.2 * np.sin(2 * np.pi * 15.5 * t) + rng.standard_normal(len(t))) for run in about.runs}
     left[about.runs[0].name][700:710] = np.nan
     fit: Any = SimpleNamespace(residuals_by_run=left)
-    (found,) = frequencies(about, fit)
+    (found,) = line_frequencies(about, fit)
     assert found == pytest.approx(15.5, abs=0.05)
     vars(about)["coarse_step"] = None
-    assert frequencies(replace(about, noise=replace(about.noise, known=True)), fit) == ()
+    assert line_frequencies(replace(about, noise=replace(about.noise, known=True)), fit) == ()
 
 
 def test_slow_samples_are_simulated_in_few_steps_where_few_do() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from flexdesign import effects
 from flexdesign.diagnosis import experiment_design
-from flexdesign.diagnosis.experiment_design.signature import VISIBLE_SHARE
+from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
 from flexdesign.dynamics import stage_model
 from flexdesign.report.catalogue import effect_charts, effect_pages
 from flexdesign.report.render import to_markdown

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from flexdesign.diagnosis import diagnose, procedure
-from flexdesign.diagnosis.preparation import truncated_runs
+from flexdesign.diagnosis.preparation import dataset
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.least_squares.local_minima import OTHER_MINIMUM
+from flexdesign.estimation.least_squares.multistart import OTHER_MINIMUM
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
@@ -33,28 +33,28 @@ def demo() -> tuple[StageModel, tuple[Run, ...]]:
 
 def long(monkeypatch: pytest.MonkeyPatch, enough: int) -> DiagnosisData:
     """Take recordings for long ones that are longer than so many values in all."""
-    monkeypatch.setattr(truncated_runs, "SAMPLES_SEARCHED", enough)
-    monkeypatch.setattr(truncated_runs, "LONG_RUNS", enough)
+    monkeypatch.setattr(dataset, "SAMPLES_SEARCHED", enough)
+    monkeypatch.setattr(dataset, "LONG_RUNS", enough)
     return prepare(*demo(), None, None)
 
 
 def test_short_recordings_are_searched_whole() -> None:
     data = prepare(*demo(), None, None)
-    assert sum(len(run.time) for run in data.runs) < truncated_runs.LONG_RUNS
-    assert truncated_runs.truncate(data) is None
+    assert sum(len(run.time) for run in data.runs) < dataset.LONG_RUNS
+    assert dataset.truncate(data) is None
 
 
 def test_recordings_of_unknown_noise_are_searched_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     # A share of what is unexplained is another one in a part of the runs: beside the cubic stiffness of a real
     # oscillator its opening showed a hysteresis which the whole recordings have no need of.
     data = long(monkeypatch, 6_000)
-    assert truncated_runs.truncate(data) is not None
-    assert truncated_runs.truncate(replace(data, noise=replace(data.noise, known=False))) is None
+    assert dataset.truncate(data) is not None
+    assert dataset.truncate(replace(data, noise=replace(data.noise, known=False))) is None
 
 
 def test_runs_are_cut_at_one_length_and_short_ones_stay_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     data = long(monkeypatch, 10_000)
-    short = truncated_runs.truncate(data)
+    short = dataset.truncate(data)
     assert short is not None
     lengths = [len(run.time) for run in short.runs]
     assert 10_000 - len(lengths) < sum(lengths) <= 10_000
@@ -81,15 +81,15 @@ def test_all_runs_are_cut_at_the_same_length(
     lengths: list[int], enough: int, cut: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that as many values are left as are searched: short runs give what is theirs to longer ones."""
-    monkeypatch.setattr(truncated_runs, "SAMPLES_SEARCHED", enough)
-    monkeypatch.setattr(truncated_runs, "LONG_RUNS", 0)
+    monkeypatch.setattr(dataset, "SAMPLES_SEARCHED", enough)
+    monkeypatch.setattr(dataset, "LONG_RUNS", 0)
     about = prepare(*demo(), None, None)
     (name,) = about.runs[0].responses
     runs = [
         Run(f"run{k}", np.arange(float(n)), {"u": np.zeros(n), name: np.zeros(n)}, {"u": "V", name: "m"}, "hold")
         for k, n in enumerate(lengths)
     ]
-    short = truncated_runs.truncate(replace(about, runs=tuple(runs)))
+    short = dataset.truncate(replace(about, runs=tuple(runs)))
     assert short is not None
     assert [len(run.time) for run in short.runs] == [min(n, max(cut, 2)) for n in lengths]
 
@@ -100,7 +100,7 @@ def test_a_run_that_begins_with_a_gap_is_cut_behind_it(monkeypatch: pytest.Monke
     gone[:1_400] = np.nan
     (name,) = data.runs[0].responses
     late = replace(data.runs[0], columns={**data.runs[0].columns, name: gone})
-    short = truncated_runs.truncate(replace(data, runs=(late, *data.runs[1:])))
+    short = dataset.truncate(replace(data, runs=(late, *data.runs[1:])))
     assert short is not None and np.isfinite(short.runs[0].measured()).any()
 
 

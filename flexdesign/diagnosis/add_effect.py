@@ -19,10 +19,9 @@ from flexdesign.diagnosis.effect_names import known_effect
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
 from flexdesign.diagnosis.identify import known_axis
-from flexdesign.diagnosis.preparation import mode_frequencies, periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.residual_comparison import ModelResiduals
-from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, SelectionHistory, Value
+from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
+from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, ModelResiduals, SelectionHistory, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
@@ -122,7 +121,7 @@ def add(
 
         @cache
         def alone(fit: FittedModel) -> tuple[Candidate]:
-            lines, peaks = periodic_disturbances.frequencies(data, fit), mode_frequencies.peaks(data, fit)
+            lines, peaks = line_frequencies(data, fit), mode_frequencies(data, fit)
             number = fields.AXIS_FIELDS.get(name)
             return (candidates.candidate_of(dynamics, effects.find(name), name, number, lines, peaks),)
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from flexdesign.core.model import Parameter
-from flexdesign.diagnosis import residual_comparison
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
-from flexdesign.diagnosis.result import ErrorStep
+from flexdesign.diagnosis.result import ErrorStep, ModelResiduals, compare_model, compared_runs
 from flexdesign.estimation.criterion import CONFLICT
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 
@@ -39,7 +38,7 @@ class AdjustableParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Confronted(residual_comparison.ModelResiduals):
+class Confronted(ModelResiduals):
     """A model with some effects, compared with the runs.
 
     Parameters
@@ -78,12 +77,12 @@ class Confronted(residual_comparison.ModelResiduals):
     @cached_property
     def compared_runs(self) -> tuple[RunComparison, ...]:
         """Measured against modelled, run by run."""
-        return residual_comparison.compared_runs(self, "found")
+        return compared_runs(self, "found")
 
     @cached_property
     def comparison(self) -> Comparison:
         """The same, and where the model fails."""
-        return residual_comparison.compare_model(self, "found")
+        return compare_model(self, "found")
 
 
 def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:

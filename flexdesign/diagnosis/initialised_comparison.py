@@ -19,7 +19,7 @@ from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.effect_selection.estimation_setup import PRIOR_BOUND, case_of, simulating
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
+from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.fitted_model import predict_tests
 from flexdesign.measurements.recordings import FrequencyResponse, Run

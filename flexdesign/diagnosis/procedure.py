@@ -16,7 +16,7 @@ from time import perf_counter
 import numpy as np
 
 from flexdesign.diagnosis.calibration import calibrate_task
-from flexdesign.diagnosis.effect_selection.basis_functions import basis_functions_of
+from flexdesign.diagnosis.effect_selection.black_box_models import basis_functions_of, is_better_linear
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     PREDICTION_ERROR,
@@ -24,13 +24,11 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
     choose_interpolation,
     simulating,
 )
-from flexdesign.diagnosis.effect_selection.linear_system import is_better_linear
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
-from flexdesign.diagnosis.preparation import mode_frequencies, periodic_disturbances
-from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, truncate
+from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
-from flexdesign.diagnosis.preparation.truncated_runs import truncate
 from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import accepted_fits, decide, reach_verdict
@@ -173,8 +171,8 @@ def catalogue(
     return candidates(
         dynamics,
         more,
-        periodic_disturbances.frequencies(data, fit) if data.runs else (),
-        mode_frequencies.peaks(data, fit),
+        line_frequencies(data, fit) if data.runs else (),
+        mode_frequencies(data, fit),
         loaded=data.is_loaded,
         at_stack=data.is_at_stack,
         swings="natural_frequency" in fit.solution.problem.where.names,

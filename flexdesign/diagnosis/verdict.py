@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis.comparison import reversal
+from flexdesign.diagnosis.comparison.compare import reversal_doubts, reversal_doubts_of_lines
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -28,7 +28,7 @@ from flexdesign.estimation.criterion import LARGE, OVERSTATED, WORSE
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
-from flexdesign.estimation.uncertainty.intervals import intervals
+from flexdesign.estimation.uncertainty.identifiability import intervals
 
 Array = NDArray[np.float64]
 
@@ -174,7 +174,7 @@ def _confidence(
 ) -> str:
     """Return what weakens the verdict, in words; the fits with the residuals of test runs."""
     residuals = history.nominal.residuals_by_run
-    remarks = reversal.doubts(data.runs, residuals) or reversal.doubts_of_lines(data.responses, residuals)
+    remarks = reversal_doubts(data.runs, residuals) or reversal_doubts_of_lines(data.responses, residuals)
     if not data.noise.known:
         remarks.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "

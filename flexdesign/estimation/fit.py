@@ -18,10 +18,9 @@ from flexdesign.estimation.least_squares.multistart import Starts, multistart
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Problem
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
-from flexdesign.estimation.uncertainty.identifiability import Estimate, estimates
-from flexdesign.estimation.uncertainty.intervals import check_intervals
+from flexdesign.estimation.uncertainty.identifiability import Estimate, check_intervals, estimates
 
 Array = NDArray[np.float64]
 

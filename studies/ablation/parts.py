@@ -65,7 +65,7 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_SELECTION}.restarts", "escape", "restarts fits that may be in a local minimum", _second),
     Part(f"{_SELECTION}.restarts", "leave_out_worst", "restarts fits from one without the worst run", _second),
     Part(f"{_SELECTION}.fitted_model", "search_initial_states", "fits initial states from a grid", lambda t, d, m: m),
-    Part(f"{_ESTIMATION}.least_squares.local_minima", "grid_initial_states", "tries initial states on a grid", _second),
+    Part(f"{_ESTIMATION}.least_squares.multistart", "grid_initial_states", "tries initial states on a grid", _second),
     Part(
         f"{_ESTIMATION}.least_squares.levenberg_marquardt",
         "_Search.hold_initial_states",
@@ -73,7 +73,7 @@ PARTS: tuple[Part, ...] = (
         _false,
     ),
     Part(f"{_SELECTION}.fitted_model", "refine", "fits once more, simulated more exactly", _second),
-    Part(f"{_PREPARATION}.truncated_runs", "truncate", "searches long runs in their first part", _none),
+    Part(f"{_PREPARATION}.dataset", "truncate", "searches long runs in their first part", _none),
     Part(
         f"{_EFFECTS}.per_run_parameters",
         "vary_step",
@@ -103,7 +103,7 @@ PARTS: tuple[Part, ...] = (
     ),
     Part(f"{_SELECTION}.model_comparison", "_trace", "asks that a sinusoid shows by its line", lambda *_: math.inf),
     Part("flexdesign.diagnosis.procedure", "_is_better_smooth", "compares effects with smooth functions", _false),
-    Part(f"{_EFFECTS}.linear_system", "is_better_linear", "compares effects with a linear system", _false),
+    Part(f"{_EFFECTS}.black_box_models", "is_better_linear", "compares effects with a linear system", _false),
     Part(
         f"{_SELECTION}.sparse_residual_model",
         "sparse_model",
@@ -129,7 +129,7 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_EFFECTS}.estimation_setup", "find_undetermined", "holds what the runs cannot show", _empty),
     Part("flexdesign.diagnosis.calibration", "CalibratedTask.origins", "selects from the design as well", _empty),
     Part(f"{_PREPARATION}.dataset", "DiagnosisData.coarse_step", "counts rounding in coarse steps as noise", _none),
-    Part(f"{_PREPARATION}.periodic_disturbances", "frequencies", "tries lines as disturbances", _empty),
+    Part(f"{_PREPARATION}.frequencies", "line_frequencies", "tries lines as disturbances", _empty),
     Part("flexdesign.diagnosis.remainder", "_jumps", "counts jumps of the residual", lambda *_: 0),
     Part(
         f"{_SELECTION}.fitted_model", "FittedModel.nuisance_dof", "discounts linear initial conditions", lambda _: 0.0

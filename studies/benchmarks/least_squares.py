@@ -39,8 +39,8 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
     simulating,
     with_beginnings,
 )
-from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import prepare
+from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
@@ -58,7 +58,7 @@ from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from flexdesign.measurements import recordings
 from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
@@ -212,7 +212,7 @@ def tasks_of_case(number: int, seed: int) -> Iterator[Task]:
         task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         if (fit := fit_model(task, fit.model)) is None:
             return
-        every = candidates(dynamics, (), periodic_disturbances.frequencies(data, fit))
+        every = candidates(dynamics, (), line_frequencies(data, fit))
         for effect in (each for each in every if each.name in case.effects):
             making = _problem_maker(task, _best_trial(task, fit.model, effect), (effect,))
             yield Task(f"{case.name}: with {effect.name}", making, _matching_columns(fit.solution.columns(), making()))

@@ -13,7 +13,7 @@ import flexdesign as fd
 from flexdesign.analytic import static_model
 from flexdesign.analytic.large_frame import LargeFrame
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.comparison import lost_signs
+from flexdesign.diagnosis.comparison.static_table import restore_signs
 from flexdesign.measurements import static_table
 
 Array = np.ndarray[Any, Any]
@@ -88,9 +88,9 @@ def test_a_lost_sign_of_the_moment_is_named(tmp_path: Path) -> None:
     asked = table(tmp_path, rows)
     values = model.predict(asked)
     true = replace(asked, rows=tuple(replace(r, value=float(v)) for r, v in zip(asked.rows, values, strict=True)))
-    assert lost_signs.restore_signs(model, true) == (true, ())
+    assert restore_signs(model, true) == (true, ())
     lost = [replace(row, value=true.rows[i % 3].value) for i, row in enumerate(true.rows)]
-    found, remarks = lost_signs.restore_signs(model, replace(true, rows=tuple(lost)))
+    found, remarks = restore_signs(model, replace(true, rows=tuple(lost)))
     assert [row.load for row in found.rows] == [true.rows[0].load] * 6
     assert len(remarks) == 1 and "rows with M_z below zero" in remarks[0]
 

@@ -15,7 +15,7 @@ from scipy.optimize import differential_evolution
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import NAMES, Sum, as_sum, offset, strength
 from tests.estimation.toys import Array, Run, parameter
 

@@ -16,7 +16,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.whitening import White, Whitening
+from flexdesign.estimation.noise.autoregressive import White, Whitening
 from tests.estimation.toys import Array, Run, parameter
 
 Shape = Callable[[Mapping[str, float], Any], Array]

@@ -13,8 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from flexdesign.core.errors import InputError
-from flexdesign.estimation.noise.autoregressive import Autocorrelation, Process
-from flexdesign.estimation.noise.whitening import ColouredNoise
+from flexdesign.estimation.noise.autoregressive import Autocorrelation, ColouredNoise, Process
 
 Array = NDArray[np.float64]
 SLOW = Process.from_coefficients(np.array([1.0, -0.98]), 0.3)

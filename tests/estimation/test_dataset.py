@@ -15,8 +15,7 @@ from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Problem
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import ColouredNoise, White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 #: Poles at 0.9 exp(+-0.4 i).

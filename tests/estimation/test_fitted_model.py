@@ -12,7 +12,7 @@ from flexdesign.diagnosis import calibration
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, linearise
 from flexdesign.estimation.model_selection import fitted_model as stands
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (
     HELD,
     NAMES,

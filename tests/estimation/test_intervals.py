@@ -15,10 +15,9 @@ from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Problem
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import ColouredNoise, White, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
 from flexdesign.estimation.uncertainty.covariance import uncertainty
-from flexdesign.estimation.uncertainty.intervals import intervals
+from flexdesign.estimation.uncertainty.identifiability import intervals
 from flexdesign.estimation.uncertainty.profile_likelihood import _Path
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 

@@ -28,7 +28,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
 )
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates, value
 from flexdesign.estimation.least_squares.residual_function import Problem
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.toys import Array, Run, Toy, parameter
 
 T = np.linspace(0, 2, 150)

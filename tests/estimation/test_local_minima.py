@@ -13,7 +13,7 @@ import pytest
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Effort
-from flexdesign.estimation.least_squares.local_minima import OTHER_MINIMUM, grid_initial_states
+from flexdesign.estimation.least_squares.multistart import OTHER_MINIMUM, grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -23,7 +23,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     solve_case,
 )
 from flexdesign.estimation.model_selection.restarts import escape
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
 from tests.estimation.toys import Array, Run, parameter
 

@@ -29,7 +29,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, forward
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (
     EFFECTS,
     HELD,

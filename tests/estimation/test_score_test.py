@@ -24,8 +24,7 @@ from flexdesign.estimation.model_selection.score_test import (
     Screening,
     score_of_columns,
 )
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import ColouredNoise, White, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
 from tests.estimation.sums import (
     NAMES,
     N,

@@ -29,7 +29,7 @@ from flexdesign.estimation.model_selection.stepwise_selection import (
     forward,
     select,
 )
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (
     EFFECTS,
     HELD,

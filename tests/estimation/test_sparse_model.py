@@ -15,7 +15,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.sparse_residual_model import MOST_TERMS, cost_of_terms, sparse_model
-from flexdesign.estimation.noise.whitening import White
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import NAMES, Sum, columns, least, offset
 from tests.estimation.toys import Array, Run, parameter
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.diagnosis.experiment_design.signature import KIND_WORDS, names_kind
-from flexdesign.estimation.noise.whitening import stretches
+from flexdesign.diagnosis.experiment_design.effect_strength import KIND_WORDS, names_kind
+from flexdesign.estimation.noise.autoregressive import stretches
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]

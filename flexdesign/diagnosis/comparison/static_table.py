@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty, uncertainty
+from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, Uncertainty, uncertainty
 from flexdesign.analytic.static_model.uncertainty import UNSAID
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.comparison import lost_signs
+from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS
 
 Array = NDArray[np.float64]
 #: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
 UNIT_DECADES = 0.35
 #: Decades beyond which no unit is sought: no measurement of the same quantity is a million times off.
 LARGEST_DECADES = 6.0
+#: A sign counts as lost where the model's error in the rows that it concerns falls below this share.
+LOST_SIGN_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
     """
     signed, remarks = table, list[str]()
     if any(row.load is not None for row in table.rows):
-        signed, lost = lost_signs.restore_signs(model, table)
+        signed, lost = restore_signs(model, table)
         remarks += lost
     predicted = model.predict(signed)
     plausible = _believable(signed, predicted)
@@ -100,3 +103,55 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
         opposite = row.quantity == "lambda" and np.sign(row.value) * np.sign(expected) < 0
         rows.append(replace(row, value=-row.value) if opposite else row)
     return table if tuple(rows) == table.rows else replace(table, rows=tuple(rows))
+
+
+def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:
+    """Return a table with the signs that its model expects, and a remark for each that was turned."""
+    remarks: list[str] = []
+    while found := _best(model, table):
+        turned, notes = found
+        if notes in remarks:
+            break
+        table = turned
+        remarks.append(notes)
+    return table, tuple(remarks)
+
+
+def _best(model: StaticModel, table: StaticTable) -> tuple[StaticTable, str] | None:
+    """Return the table with one column turned that lowers the error most, and the remark; None if none is lost."""
+    before, trials = model.predict(table), []
+    for remarks, turn in _turns():
+        turned = replace(table, rows=tuple(turn(row) for row in table.rows))
+        concerned = np.array([a is not b for a, b in zip(turned.rows, table.rows, strict=True)])
+        if concerned.any():
+            was = _error(before[concerned], table.measured()[concerned])
+            left = _error(model.predict(turned)[concerned], turned.measured()[concerned])
+            if left < LOST_SIGN_SHARE * was:
+                trials.append((left / was, turned, f"{remarks}: it was taken so"))
+    if not trials:
+        return None
+    _, turned, remarks = min(trials, key=lambda trial: trial[0])
+    return turned, remarks
+
+
+def _error(predicted: Array, measured: Array) -> float:
+    return float(np.sqrt(np.mean(((predicted - measured) / measured) ** 2)))
+
+
+def _turns() -> Iterator[tuple[str, Callable[[Row], Row]]]:
+    """Yield every column that may have lost its sign: what is said of it, and what turns a row."""
+    for place, column in enumerate(LOADS):
+        for way, where in ((0, ""), (-1, " below zero"), (1, " above zero")):
+
+            def turn(row: Row, place: int = place, way: int = way) -> Row:
+                if row.load is None or row.load[place] == 0 or way * row.load[place] < 0:
+                    return row
+                return replace(row, load=tuple(-f if i == place else f for i, f in enumerate(row.load)))
+
+            yield f"rows with {column}{where} agree better with the model if {column} has the other sign", turn
+    for quantity in DISPLACEMENTS:
+
+        def turn_value(row: Row, quantity: str = quantity) -> Row:
+            return replace(row, value=-row.value) if row.quantity == quantity else row
+
+        yield f"{quantity} agrees better with the model if it has the other sign", turn_value

@@ -30,7 +30,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
-from flexdesign.estimation.noise.whitening import Whitening
+from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]

@@ -2,10 +2,15 @@
 
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import Resolved, resolve_effects
-from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, on, reading
+from flexdesign.diagnosis.experiment_design.effect_strength import (
+    EffectAtStrength,
+    Signature,
+    on,
+    reading,
+    signature_of,
+)
 from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits, axis, dynamics, of_axis
-from flexdesign.diagnosis.experiment_design.signature import Signature, signature_of
 
 __all__ = [
     "Command",

@@ -10,9 +10,18 @@ import numpy as np
 
 from flexdesign import effects
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.experiment_design import signature
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fit_linear, on, reading, rms
+from flexdesign.diagnosis.experiment_design.effect_strength import (
+    EQUAL_FACTOR,
+    VISIBLE_SHARE,
+    EffectAtStrength,
+    fit_linear,
+    names_kind,
+    on,
+    reading,
+    rms,
+    signature_of,
+)
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
@@ -151,8 +160,8 @@ def steady(command: Command) -> slice:
 def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
     """Return the place of an experiment: among equals those come first that the effects' own words name."""
     seen = each.over_noise
-    place = math.floor(math.log(seen) / math.log(signature.EQUAL_FACTOR)) if 0 < seen < math.inf else -math.inf
-    return place, signature.names_kind(reveal, each.command.kind), seen
+    place = math.floor(math.log(seen) / math.log(EQUAL_FACTOR)) if 0 < seen < math.inf else -math.inf
+    return place, names_kind(reveal, each.command.kind), seen
 
 
 def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[Command]) -> float:
@@ -162,7 +171,7 @@ def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[
     """
     without = reading(effect.without, standard)
     cut = steady(standard)
-    wanted = min(signature.VISIBLE_SHARE * effect.without.stroke, LARGEST_CHANGE * float(np.std(without[cut])))
+    wanted = min(VISIBLE_SHARE * effect.without.stroke, LARGEST_CHANGE * float(np.std(without[cut])))
 
     def change(model: AxisDynamics) -> float:
         return rms((reading(model, standard) - without)[cut])
@@ -170,7 +179,7 @@ def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[
     strength = effect.search(wanted, change)
     if change(effect.at(strength)) > 0.5 * wanted:
         return strength
-    return signature.signature_of(effect, experiments).strength
+    return signature_of(effect, experiments).strength
 
 
 def _closest_strength(

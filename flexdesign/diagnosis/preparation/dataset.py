@@ -19,8 +19,7 @@ from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINE
 from flexdesign.dynamics.axis.axis_run import is_at_stack, measured_stroke, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import ColouredNoise, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, Whitening
 from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
@@ -33,6 +32,8 @@ OF_NOISE, OF_STROKE = 0.3, 5e-4
 ROUNDING_DRAWS = 400
 #: The largest command of an axis of which nobody said how far it may be driven [V].
 UNLIMITED_COMMAND = 100.0
+#: Number of values that are searched; runs of more than `LONG_RUNS` values in all are cut.
+SAMPLES_SEARCHED, LONG_RUNS = 12_000, 40_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,3 +299,25 @@ def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
 
 def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return axis.prior([*LINEAR_PARAMETERS, *(HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in axis.effects else ())])
+
+
+def truncate(data: DiagnosisData) -> DiagnosisData | None:
+    """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut."""
+    lengths = sorted(len(run.time) for run in data.runs)
+    if sum(lengths) < LONG_RUNS or not data.noise.known:
+        return None
+    cut, left = 0, SAMPLES_SEARCHED
+    for count, length in zip(range(len(lengths), 0, -1), lengths, strict=True):
+        cut = max(1, left // count)
+        if cut <= length:
+            break
+        left -= length
+    return replace(data, runs=tuple(_part(run, cut) for run in data.runs))
+
+
+def _part(run: Run, cut: int) -> Run:
+    """Return a run up to a number of values; the first to be read there, if it begins with a gap as long."""
+    read = np.flatnonzero(np.isfinite(run.measured()))
+    cut = max(cut, int(read[0]) + 2 if len(read) else cut)
+    columns = {name: values[:cut] for name, values in run.columns.items()}
+    return replace(run, time=run.time[:cut], columns=columns)

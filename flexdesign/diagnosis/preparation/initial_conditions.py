@@ -17,7 +17,7 @@ from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_dynamics import chain
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.noise.whitening import Whitening
+from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import ColouredNoise
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]

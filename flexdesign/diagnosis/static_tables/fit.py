@@ -24,7 +24,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, so
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, coordinates, value
 from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.uncertainty.covariance import uncertainty
-from flexdesign.estimation.uncertainty.intervals import profiles_of
+from flexdesign.estimation.uncertainty.identifiability import profiles_of
 
 Array = NDArray[np.float64]
 #: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.

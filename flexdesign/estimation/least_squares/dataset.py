@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
-from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
-from flexdesign.estimation.noise.whitening import Whitening
+from flexdesign.estimation.noise.autoregressive import Whitening, estimate_autocorrelation
 
 Array = NDArray[np.float64]
 #: A combination of columns this small, relative to the largest, is hidden.

@@ -19,8 +19,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     refit,
     with_effects,
 )
-from flexdesign.estimation.uncertainty.identifiability import Estimate
-from flexdesign.estimation.uncertainty.intervals import better_fit, intervals
+from flexdesign.estimation.uncertainty.identifiability import Estimate, better_fit, intervals
 
 
 def restart_from_profiles(task: EstimationTask, fit: FittedModel) -> FittedModel:

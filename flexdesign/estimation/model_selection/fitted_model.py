@@ -14,7 +14,7 @@ from flexdesign.core.model import Model, parameter_of
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermined
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, FULL, Columns, Effort, Solution, solve
-from flexdesign.estimation.least_squares.local_minima import grid_initial_states
+from flexdesign.estimation.least_squares.multistart import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation

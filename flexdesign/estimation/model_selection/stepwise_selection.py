@@ -19,7 +19,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
-from flexdesign.estimation.least_squares.local_minima import grid_initial_states
+from flexdesign.estimation.least_squares.multistart import grid_initial_states
 from flexdesign.estimation.model_selection.confounding import replace_effects
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, solve_case

@@ -17,7 +17,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import digamma
 
 from flexdesign.core.model import Observation
-from flexdesign.estimation.noise.whitening import ColouredNoise, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Whitening
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse
 

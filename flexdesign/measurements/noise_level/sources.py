@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
+from flexdesign.estimation.noise.autoregressive import stretches as where_up
 from flexdesign.estimation.noise.restricted_likelihood import Stretch
-from flexdesign.estimation.noise.whitening import stretches as where_up
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]

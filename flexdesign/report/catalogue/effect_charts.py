@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core import units
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.signature import EffectResponse
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 from flexdesign.report.comparison_text import axis_unit, sign
 from flexdesign.report.traces import thin_out

@@ -19,7 +19,7 @@ from flexdesign.effects import statics
 from flexdesign.report.document import Document, Figure, Section, Table
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.experiment_design.signature import EffectResponse, Signature
+    from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse, Signature
 
 #: Number of experiments that are drawn, one of each kind.
 DRAWN = 3

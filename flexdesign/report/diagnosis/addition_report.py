@@ -13,7 +13,7 @@ from flexdesign.core import units
 from flexdesign.core.serialise import header
 from flexdesign.diagnosis.add_effect import AddedEffect, InTheLoop
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.residual_comparison import compare_model
+from flexdesign.diagnosis.result import compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Simulation

@@ -13,8 +13,8 @@ from flexdesign.core import units
 from flexdesign.core.model import Block, Socket
 from flexdesign.diagnosis import ErrorStep
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
-from flexdesign.diagnosis.experiment_design.signature import names_kind as speaks_of
-from flexdesign.diagnosis.residual_comparison import ModelResiduals
+from flexdesign.diagnosis.experiment_design.effect_strength import names_kind as speaks_of
+from flexdesign.diagnosis.result import ModelResiduals
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis import comparison_report, response_pages

@@ -14,7 +14,7 @@ from flexdesign.core import units, versions
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
+from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run

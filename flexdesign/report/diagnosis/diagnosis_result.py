@@ -13,7 +13,7 @@ from flexdesign.core import versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, compare_model
+from flexdesign.diagnosis.result import ModelResiduals, Which, compare_model
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import comparison_report, response_pages

@@ -12,7 +12,7 @@ from flexdesign.core import units, versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import CLEAR_DIFFERENCE
-from flexdesign.diagnosis.experiment_design.signature import EffectResponse
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
 from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
 

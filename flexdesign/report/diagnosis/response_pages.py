@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexdesign.core import units
 from flexdesign.core.serialise import with_unit
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
-from flexdesign.diagnosis.residual_comparison import ModelResiduals, compare_model
+from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
