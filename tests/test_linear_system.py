@@ -21,7 +21,7 @@ from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.model_selection.stepwise_selection import fit_candidate
+from flexdesign.estimation.model_selection.forward_selection import fit_candidate
 from flexdesign.estimation.noise.autoregressive import White
 from flexdesign.measurements.recordings import Run
 

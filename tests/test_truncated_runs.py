@@ -17,8 +17,8 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.multistart import OTHER_MINIMUM
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import Step
-from flexdesign.estimation.model_selection.stepwise_selection import forward
 from flexdesign.measurements.recordings import Run, read_runs
 from tests.estimation.sums import NAMES, calibrated_stand, candidate, effects, task
 
@@ -126,7 +126,7 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     assert effect.name == kept["name"]
     assert value.value == pytest.approx(expected["value"], abs=0.05 * (high - low))
     assert value.interval == pytest.approx((low, high), abs=0.05 * (high - low))
-    # A run begins elsewhere only where that lowers its squares by two percent (`local_minima.BETTER`).
+    # A run begins elsewhere only where that lowers its squares by two percent (`multistart.OTHER_MINIMUM`).
     assert found.validation_error == pytest.approx(KEPT["validation_error"]["value"], rel=1 - OTHER_MINIMUM)
     assert [rung.label for rung in found.error_ladder] == [rung["label"] for rung in KEPT["ladder"]]
 

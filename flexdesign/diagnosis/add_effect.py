@@ -32,8 +32,8 @@ from flexdesign.dynamics.stage_model import StageModel, fields
 from flexdesign.estimation.criterion import HALF_WIDTH
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
+from flexdesign.estimation.model_selection.forward_selection import fit_candidate
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import fit_candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.

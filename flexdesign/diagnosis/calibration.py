@@ -26,8 +26,8 @@ from flexdesign.estimation.model_selection.fitted_model import (
     solve_case,
     with_values,
 )
+from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT
 from flexdesign.estimation.model_selection.restarts import escape
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT
 
 
 @dataclass(frozen=True, eq=False)

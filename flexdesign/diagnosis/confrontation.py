@@ -28,14 +28,8 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
+from flexdesign.estimation.model_selection.forward_selection import Entry, finish, fit_candidate, fit_roughly, screen
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import (
-    Entry,
-    finish,
-    fit_candidate,
-    fit_roughly,
-    screen,
-)
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]

@@ -35,7 +35,6 @@ from flexdesign.diagnosis.verdict import accepted_fits, decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import BETTER
-from flexdesign.estimation.model_selection.confounding import confusable
 from flexdesign.estimation.model_selection.determination import (
     drop_undetermined,
     hold_undetermined,
@@ -52,12 +51,11 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_effects,
     with_values,
 )
-from flexdesign.estimation.model_selection.joint_selection import add_together
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
-from flexdesign.estimation.model_selection.stepwise_selection import select
+from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,

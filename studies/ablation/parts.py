@@ -111,7 +111,7 @@ PARTS: tuple[Part, ...] = (
         lambda *_: SparseModel({}, 0.0, 0.0, 0.0, {}),
     ),
     Part(f"{_EFFECTS}.prior_conflicts", "conflicts", "finds effects in parameters beyond their prior", _empty),
-    Part(f"{_SELECTION}.confounding", "confusable", "fits rivals in the place of what is named", _empty),
+    Part(f"{_SELECTION}.stepwise_selection", "confusable", "fits rivals in the place of what is named", _empty),
     Part(
         f"{_SELECTION}.determination",
         "drop_undetermined",

@@ -19,6 +19,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import difference, fit_model
+from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT, forward
 from flexdesign.estimation.model_selection.model_comparison import (
     Step,
     Trial,
@@ -28,7 +29,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
     rank,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, forward
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (
     EFFECTS,

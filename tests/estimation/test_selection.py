@@ -15,18 +15,17 @@ from flexdesign.diagnosis.calibration import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
-from flexdesign.estimation.model_selection import confounding, fitted_model, joint_selection, stepwise_selection
-from flexdesign.estimation.model_selection.confounding import LARGEST_GROUP, confusable, replace_effects
+from flexdesign.estimation.model_selection import fitted_model, forward_selection, stepwise_selection
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model, with_effects
+from flexdesign.estimation.model_selection.forward_selection import FINAL_FITS, GROSS_MISFIT, ROUGH_FITS, forward
 from flexdesign.estimation.model_selection.model_comparison import Step, bic_lead, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
-    FINAL_FITS,
-    GROSS_MISFIT,
-    ROUGH_FITS,
+    LARGEST_GROUP,
     backward,
-    forward,
+    confusable,
+    replace_effects,
     select,
 )
 from flexdesign.estimation.noise.autoregressive import White
@@ -229,7 +228,7 @@ def test_what_promises_too_little_is_not_fitted() -> None:
     about = dataclasses.replace(task({"d": 0.3}), progress=said.append)
     before = calibrated_stand(about)
     screening = Screening(before.solution, effects())
-    enough = stepwise_selection.PROMISING_SHARE * max(screening.critical_value(LEVEL), SHARE * before.excess)
+    enough = forward_selection.PROMISING_SHARE * max(screening.critical_value(LEVEL), SHARE * before.excess)
     promising = [
         directions[0].candidate.name for directions in screening.best() if directions[0].predicted_reduction > enough
     ]
@@ -268,9 +267,9 @@ def test_a_pair_is_compared_with_what_two_steps_find(monkeypatch: pytest.MonkeyP
     of_one = fit_with(about, [every[1]])
     pair, one = (compare(about, before, fit, fit.names, 0.0) for fit in (of_pair, of_one))
     assert not pair.reason and not one.reason
-    (found,) = stepwise_selection._in_two_steps(about, before, every, [pair, one], 0.0)
+    (found,) = forward_selection._in_two_steps(about, before, every, [pair, one], 0.0)
     assert found.names == ("b", "e") and found.fit.cost < pair.fit.cost
-    assert stepwise_selection._in_two_steps(about, before, every, [one], 0.0) == []
+    assert forward_selection._in_two_steps(about, before, every, [one], 0.0) == []
 
 
 def led_astray() -> tuple[Sum, Candidate, EstimationTask]:
@@ -501,7 +500,7 @@ def test_a_number_of_the_model_that_is_an_effect_goes_where_another_takes_its_pl
     assert not any(trial.reason for trial in trials)
     steps, kept = replace_effects(about, fit, [Step(trials[0], tuple(trials))])
     assert kept is fit and confusable(about, fit, steps) == ()
-    made = confounding._in_place(about, fit, "b", other, trials[1])
+    made = stepwise_selection._in_place(about, fit, "b", other, trials[1])
     assert made is not None and made.cost == pytest.approx(alone.cost, rel=1e-4) and made.cost > fit.cost + 100
 
 
@@ -574,14 +573,14 @@ def test_effects_that_need_each_other_are_added_and_others_dropped(monkeypatch: 
         effect = next(each for each in (every[0], every[1], every[4]) if each.name not in fit.names)
         return Step(None, (compare(task, fit, fit_with(about, [*fit.effects, effect]), (effect.name,), 10.0),))
 
-    monkeypatch.setattr(joint_selection, "forward", blind)
-    step = joint_selection.add_together(about, before, every, 3)
+    monkeypatch.setattr(stepwise_selection, "forward", blind)
+    step = stepwise_selection.add_together(about, before, every, 3)
     assert step is not None and step.chosen is not None
     assert {*step.chosen.names} == {*step.chosen.fit.names} == {"b", "e"} and not step.chosen.reason
     assert step.chosen.fit.cost == pytest.approx(fit_with(about, [every[1], every[4]]).cost, rel=1e-4)
     # Of two effects that are tried, of which one has evidence, none are added together.
-    assert joint_selection.add_together(about, before, every, 2) is None
-    assert joint_selection.add_together(about, step.chosen.fit, every, 3) is None  # nothing but noise remains
+    assert stepwise_selection.add_together(about, before, every, 2) is None
+    assert stepwise_selection.add_together(about, step.chosen.fit, every, 3) is None  # nothing but noise remains
 
 
 def test_a_fit_in_a_local_minimum_begins_again_with_the_threshold_on_either_side() -> None:

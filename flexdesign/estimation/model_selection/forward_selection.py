@@ -1,0 +1,290 @@
+"""One forward step of the selection: the one or two effects to add that explain most.
+
+Candidates are many and fits are expensive. They compete in rounds (successive halving: Jamieson and Talwalkar 2016).
+All that promise enough take steps with the Jacobian that is known; the best of them are fitted roughly; the finalists
+are fitted to the end and compared, see `flexdesign.estimation.criterion`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import parameter_of
+from flexdesign.estimation.criterion import LEVEL, SHARE, large_share
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
+from flexdesign.estimation.least_squares.multistart import grid_initial_states
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, solve_case
+from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
+from flexdesign.estimation.model_selection.restarts import escape
+from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
+
+#: A candidate is fitted if its score promises this share of what would be accepted: the score is a linear estimate.
+PROMISING_SHARE = 0.5
+#: Trials of one candidate, and pairs of candidates, from which fits start.
+STARTS_PER_CANDIDATE, MOST_PAIRS = 2, 2
+#: Candidates that are fitted roughly: the best quick fits, and the best scores; and those that are fitted to the end.
+ROUGH_FITS, ROUGH_FITS_BY_SCORE, FINAL_FITS = 6, 2, 3
+#: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
+GROSS_MISFIT = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where a fit with further effects starts: at a fit without them, in the directions of one or two trials."""
+
+    origin: FittedModel
+    directions: tuple[Direction, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(direction.candidate.name for direction in self.directions)
+
+    @property
+    def predicted_reduction(self) -> float:
+        """What the score of the best of them predicts."""
+        return max(direction.predicted_reduction for direction in self.directions)
+
+    @property
+    def effects(self) -> tuple[Candidate, ...]:
+        return (*self.origin.effects, *(direction.candidate for direction in self.directions))
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A fit that competes."""
+
+    start: _Start
+    solution: Solution
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The one or two effects that it adds."""
+        return self.start.names
+
+
+def screen(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+) -> tuple[float, list[Entry]]:
+    """Return the critical value of the largest score, and quick fits of what promises more, the best first.
+
+    Parameters are those of `forward`.
+    """
+    left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
+    task.progress("screening the catalogue" if not fit.effects else f"screening with {', '.join(fit.names)}")
+    score, starts = 0.0, list[_Start]()
+    for origin in (fit, *origins):
+        screening = Screening(origin.solution, left, task.coarse)
+        score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
+        starts += _starts(origin, screening, PROMISING_SHARE * max(score, SHARE * origin.excess))
+
+    def quickly(start: _Start) -> Entry | None:
+        task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
+        return _quick_fit(task, start)
+
+    return score, _best_by_names(task.each(quickly, starts))
+
+
+def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> list[Entry]:
+    """Return rough fits of the entries that promise most, with runs in the initial states that suit them; best first.
+
+    Those are the best quick fits; and the best scores in the present fit, as a quick fit may go astray.
+
+    Parameters
+    ----------
+    task, fit
+        As in `forward`.
+    entries
+        As `screen` returns them.
+    """
+
+    def roughly(entry: Entry) -> Entry | None:
+        task.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
+        solution = entry.solution
+        model = solution.problem.at(solution.x)
+        if fit.exceeds_noise:  # otherwise the runs begin where they do
+            model = grid_initial_states(solution.problem.dataset, model, task.each)
+        found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
+        return None if found is None else replace(entry, solution=found)
+
+    best = entries[:ROUGH_FITS]
+    scores = sorted((e for e in entries if e.start.origin is fit), key=lambda e: -e.start.predicted_reduction)
+    return _best_by_names(task.each(roughly, [*best, *(e for e in scores[:ROUGH_FITS_BY_SCORE] if e not in best)]))
+
+
+def forward(
+    task: EstimationTask,
+    fit: FittedModel,
+    candidates: Sequence[Candidate],
+    expansion_points: Sequence[FittedModel] = (),
+) -> Step:
+    """Return the addition that pays best, or none.
+
+    Parameters
+    ----------
+    task, fit
+        The runs, and the present fit.
+    candidates
+        The catalogue.
+    expansion_points
+        Fits from which additions are tried as well, such as the design where calibration led astray.
+    """
+    score, entries = screen(task, fit, candidates, expansion_points)
+    # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
+    # can be had from a small one.
+    least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
+    singles, pairs = _compete(task, fit, entries, PROMISING_SHARE * least)
+    trials = _trials(task, fit, singles, score)
+    best = best_of(task, trials)
+    if (fit if best is None else best.fit).exceeds_noise:
+        # Fits in local minima would be refused, and call for effects that are not there.
+        first = rank(trials)[:FINAL_FITS]
+        trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
+        trials += _trials(task, fit, pairs, score)
+        trials += _in_two_steps(task, fit, candidates, trials, score)
+    return Step(best_of(task, trials), tuple(rank(trials)))
+
+
+def _in_two_steps(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], trials: Sequence[Trial], score: float
+) -> list[Trial]:
+    """Return what a further step adds to the best effect, where a pair with that would be added; none otherwise.
+
+    All candidates compete in that step, of which a pair has but the most promising.
+    """
+    pair = best_of(task, trials)
+    single = best_of(task, [trial for trial in trials if len(trial.names) == 1])
+    if pair is None or single is None or len(pair.names) == 1 or single.names[0] not in pair.names:
+        return []
+    added = forward(task, single.fit, candidates).chosen
+    if added is None or len(added.names) > 1 or added.names[0] in pair.names:
+        return []
+    return [compare(task, fit, added.fit, (*single.names, *added.names), score)]
+
+
+def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
+    """Return where fits start: at the best trials of each candidate, and at pairs that promise more than one."""
+    best = screening.best()
+
+    @cache  # singles and pairs begin in the same directions
+    def beginning(direction: Direction) -> Direction:
+        return screening.at_best_strength(direction) if direction.candidate.has_own_trials else direction
+
+    def start(*directions: Direction) -> _Start:
+        return _Start(origin, tuple(map(beginning, directions)))
+
+    found = [
+        start(each)
+        for directions in best
+        for each in directions[:STARTS_PER_CANDIDATE]
+        if each.predicted_reduction > enough
+    ]
+    most = best[0][0].predicted_reduction if best else 0.0
+    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(MOST_PAIRS) if predicted_gain > most + enough]
+    return found + [start(*pair) for pair in pairs]
+
+
+def _compete(
+    task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], least: float
+) -> tuple[list[Entry], list[Entry]]:
+    """Return the fits that are worth being carried to their end, with one further effect and with two.
+
+    Roughly fitted they must lower chi^2 by more than `least`; and a pair must explain much of what a single one leaves.
+    """
+    roughly = fit_roughly(task, fit, entries)
+    candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
+    singles = [entry for entry in candidates if len(entry.start.names) == 1]
+    cost = singles[0].solution.cost if singles else fit.cost
+    cost -= PROMISING_SHARE * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
+    pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
+    return singles[:FINAL_FITS], pairs[:MOST_PAIRS]
+
+
+def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
+    """Return the best entry of each candidate or pair, best first."""
+    best: dict[tuple[str, ...], Entry] = {}
+    for entry in sorted((entry for entry in entries if entry is not None), key=lambda entry: entry.solution.cost):
+        best.setdefault(entry.start.names, entry)
+    return list(best.values())
+
+
+def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
+    """Return where the known Jacobian leads, coarsely simulated.
+
+    A limit moves the prediction so far that the Jacobian without it misleads, as does one at a gross misfit: it is
+    then computed at the start. At a gross misfit the initial states of runs mislead as well, and are held.
+    """
+    origin, model, values = start.origin, start.origin.model, dict[str, float]()
+    old = dict(origin.solution.columns())
+    ends = np.cumsum([record.rows for record in origin.solution.problem.dataset.records])[:-1]
+    for direction in start.directions:
+        model = direction.candidate.add(model)
+        values |= direction.start
+        strength = direction.candidate.strength
+        if parameter_of(model, strength).scale == "linear" and not direction.candidate.has_own_trials:
+            old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
+    bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
+    begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
+    is_gross = origin.scale > GROSS_MISFIT
+    is_misleading = is_gross or any(direction.candidate.has_own_trials for direction in start.directions)
+    model, effort = task.coarse(model.replace(begun)), replace(QUICK, holds_initial_states=is_gross)
+    found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=effort)
+    return None if found is None else Entry(start, found)
+
+
+def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], score: float) -> list[Trial]:
+    found = task.each(lambda entry: finish(task, fit, entry, score), entries)
+    return [trial for trial in found if trial is not None]
+
+
+def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
+    """Return the comparison of a fit carried to its end; None where it cannot be simulated.
+
+    Parameters
+    ----------
+    task, fit
+        As in `forward`.
+    entry, score
+        A fit as `fit_roughly` returns it, whose runs then begin where it fits best; and the critical value as `screen`
+        does.
+    """
+    task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
+    solution = entry.solution
+    model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
+    made = fit_model(task, model, entry.start.effects, old=solution.columns())
+    return None if made is None else compare(task, fit, made, entry.start.names, score)
+
+
+def _escape(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
+    """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
+    better = escape(task, trial.fit, trial.names) if trial.gain > trial.critical_gain else trial.fit
+    return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
+
+
+def fit_candidate(
+    task: EstimationTask, fit: FittedModel, candidate: Candidate, *, roughly: bool = False
+) -> FittedModel:
+    """Return the best fit with an effect that promises nothing: its value then says how large it may be at most.
+
+    A rough fit is one of coarse simulations.
+
+    Raises
+    ------
+    InputError
+        If the effect cannot be simulated at any of its first values.
+    """
+    simulated, effort = (task.coarse, ROUGH) if roughly else (task.fine, FULL)
+    model, effects = simulated(candidate.add(fit.model)), (*fit.effects, candidate)
+    starts = [model.replace(values) for values in candidate.trials[:ROUGH_FITS]]
+    made = [found for start in starts if (found := fit_model(task, start, effects, effort=effort))]
+    if not made:
+        raise InputError(
+            "command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values"
+        )
+    return min(made, key=lambda found: found.cost)
