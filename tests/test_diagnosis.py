@@ -39,7 +39,6 @@ from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 from flexdesign.estimation.least_squares.parameter_transforms import value as value_at
-from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -137,8 +136,8 @@ def fit(
         begun = effect.add(begun)
     begun = begun.replace(moved)
     free = [*task.free, *(name for effect in added for name in effect.free)]
-    where = task.coordinates(begun, free, task.identify)
-    problem = Problem(task.identify, begun, where)
+    problem = task.problem(task.identify, begun, free)
+    where = problem.where
     half = math.sqrt(seen * task.identify.samples / 2)
     parts = tuple(half * np.eye(1, record.rows)[0] for record in task.identify.records)
     normal = np.diag(1 / (1e-3 * where.sizes(where.start)) ** 2)

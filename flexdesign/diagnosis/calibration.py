@@ -67,13 +67,6 @@ def calibrate_task(
 ) -> CalibratedTask:
     """Fit the model's own numbers.
 
-    Parameters
-    ----------
-    data, task, dynamics
-        What is diagnosed, the task that it sets, and the model of the axis.
-    preliminary
-        A search in a part of the runs, whose calibration is where the fit starts.
-
     Raises
     ------
     InputError
@@ -121,8 +114,8 @@ def evaluate_design(task: EstimationTask, model: Model) -> FittedModel:
     task = task.prepared(task, model)
     if (begun := fit_initial_states(task, task.identify, model)) is not None:
         here = begun.problem.at(begun.x)
-        where = task.coordinates(here, task.free, begun.problem.dataset)
-        solution = linearise(task.problem(begun.problem.dataset, here, where), where.start)
+        problem = task.problem(begun.problem.dataset, here, task.free)
+        solution = linearise(problem, problem.where.start)
         if solution is not None and (found := evaluate_fit(task, solution, ())) is not None:
             return found
     raise _not_simulated(cast(AxisDynamics, model))

@@ -176,13 +176,6 @@ class Confrontation:
 
         That is the share of the unexplained chi^2 of the fitted runs that it removes, 0 to 1; zero where no more than
         chance is promised. The best is fitted to convergence, the others roughly.
-
-        Parameters
-        ----------
-        names
-            Effects that the model has, fitted before.
-        progress
-            Receives the progress as text; what it raises ends the search.
         """
         chosen = tuple(names)
         with self._turn, self._libraries.limit(limits=1):

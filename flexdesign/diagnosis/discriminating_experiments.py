@@ -42,13 +42,6 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
     The menu is that of `experiment_design`: what the command can do within the limits of the axis, a known added
     mass, a static push, another axis, warmth. Each is simulated with either effect, on the model with all else that was
     found, and its difference counted in the noise of the runs.
-
-    Parameters
-    ----------
-    found
-        The diagnosis.
-    progress
-        Receives the progress as text.
     """
     return tuple(_proposal(found, group, progress) for group in found.confusable)
 

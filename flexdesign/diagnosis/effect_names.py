@@ -43,13 +43,6 @@ def known_effect(name: str, field: str, catalogue: ModuleType = effects) -> str:
 def own_effects(names: Sequence[str], catalogue: ModuleType = effects) -> list[str]:
     """Return effects in addition to those of the catalogue, as `diagnose` takes them.
 
-    Parameters
-    ----------
-    names
-        Names or paths.
-    catalogue
-        See `known_effect`.
-
     Raises
     ------
     InputError

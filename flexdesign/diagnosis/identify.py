@@ -290,17 +290,7 @@ def _update(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs:
 
 
 def known_axis(axis: AxisModel, relative: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
-    """Return an axis that says of fitted numbers how well they are known, and from where.
-
-    Parameters
-    ----------
-    axis
-        With the fitted values.
-    relative
-        Relative standard deviations of the fitted numbers by name; infinite where none is stated.
-    runs
-        Names of the runs that were fitted.
-    """
+    """Return an axis that says of fitted numbers how well they are known, and from where."""
     uncertainty = {name: sigma for name, sigma in axis.uncertainty.items() if name not in relative}
     uncertainty |= {name: _round(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
     sources = dict(axis.sources) | dict.fromkeys(relative, f"identified from {listed_runs(runs)}")

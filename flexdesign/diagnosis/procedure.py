@@ -157,15 +157,7 @@ def diagnose(
 def catalogue(
     data: DiagnosisData, dynamics: AxisDynamics, fit: FittedModel, *, more: Sequence[str] = ()
 ) -> tuple[Candidate, ...]:
-    """Return the effects that are tried.
-
-    Parameters
-    ----------
-    data, dynamics, fit
-        What is diagnosed, the model of the axis, and the calibrated fit, whose residual may show frequencies.
-    more
-        Paths of effects in addition to those of the catalogue.
-    """
+    """Return the effects that are tried."""
     return candidates(
         dynamics,
         more,

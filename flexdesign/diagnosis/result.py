@@ -53,15 +53,7 @@ class ModelResiduals:
 
 
 def compare_model(found: ModelResiduals, which: Which) -> Comparison:
-    """Compare the runs with one of the two models, as `diagnosis.comparison` does for a model as it is.
-
-    Parameters
-    ----------
-    found
-        A diagnosis or an addition.
-    which
-        ``"calibrated"`` without further effects, ``"found"`` with them.
-    """
+    """Compare the runs with one of the two models, as `diagnosis.comparison` does for a model as it is."""
     left = cast("Mapping[str, Array]", found.residuals_by_run[which])
     model = found.before if which == "calibrated" else found.model
     responses = join_halves(found.responses, left, found.lines) if found.responses else ()

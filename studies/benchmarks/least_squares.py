@@ -237,8 +237,8 @@ def _best_trial(task: EstimationTask, model: Model, effect: Candidate) -> Model:
 def _problem_maker(task: EstimationTask, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
     """Return what makes the problem of a fit, as `fitted_model.solve_case` does."""
     task = task.prepared(task, model)
-    where = task.coordinates(model, [*task.free, *(n for effect in effects for n in effect.free)], task.identify)
-    return lambda: task.problem(task.identify, model, where)
+    free = [*task.free, *(n for effect in effects for n in effect.free)]
+    return lambda: task.problem(task.identify, model, free)
 
 
 def formulas() -> Iterator[Task]:

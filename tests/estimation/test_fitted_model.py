@@ -169,7 +169,7 @@ def test_priors_of_shared_numbers_are_not_seen_and_those_of_runs_are() -> None:
     free = calibrated_stand(task({}))
     value = free.solution.problem.where.values(free.solution.x)
     about = task({}, p=(value["p"] + 0.3, 0.1), **{own: (value[own] + 0.02, 0.01)})
-    solution = about.problem(about.identify, free.model, about.coordinates(free.model, about.free, about.identify))
+    solution = about.problem(about.identify, free.model, about.free)
     held = linearise(solution, free.solution.x)
     assert held is not None
     fit = dataclasses.replace(free, solution=held)

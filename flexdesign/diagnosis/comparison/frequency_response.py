@@ -93,19 +93,7 @@ class ResponseComparison:
 def compared_lines(
     response: FrequencyResponse, predicted: Complex, noise: LineNoise, validation: NDArray[np.bool_] | None = None
 ) -> ResponseComparison:
-    """Compare a measured response with a predicted one.
-
-    Parameters
-    ----------
-    response
-        With all its lines.
-    predicted
-        At its lines.
-    noise
-        Of it.
-    validation
-        The lines that judge; by default all.
-    """
+    """Compare a measured response with a predicted one."""
     return ResponseComparison(
         response.name,
         response.role if validation is None or validation.all() else "validate",

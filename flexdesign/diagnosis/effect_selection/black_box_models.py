@@ -42,15 +42,7 @@ BUMP_COUNTS, FEWEST_LINES, BUMP_WIDTH = (6, 12, 24, 48), 4, 0.6
 
 
 def is_better_linear(data: DiagnosisData, base: FittedModel, fit: FittedModel) -> bool:
-    """Tell whether the best linear system leaves no more than a fit with nonlinear effects.
-
-    Parameters
-    ----------
-    data
-        What is diagnosed.
-    base, fit
-        The fit without effects, and one with some of which at least one is nonlinear; else the answer is no.
-    """
+    """Tell whether the best linear system leaves no more than a fit with nonlinear effects."""
     if not data.runs or data.responses or all(effects.find(name).is_linear for name in fit.names):
         return False
     model, axis = cast(AxisDynamics, base.model), data.axis
@@ -66,14 +58,11 @@ def _chi2(dataset: Dataset, model: AxisDynamics, frequency: float, damping_ratio
     measured = np.concatenate([dataset.whitened(record, record.measured) for record in dataset.records])
 
     def residual(logarithms: Array) -> Array:
-        columns = np.vstack(
-            [
-                np.column_stack([dataset.whitened(record, np.where(record.present, column, 0.0)) for column in made])
-                for record in dataset.records
-                for made in [_columns(model, cast(Run, record.observation), *np.exp(logarithms))]
-            ]
-        )
-        return without_columns(measured, columns)
+        columns = [
+            dataset.whitened_columns(record, _columns(model, cast(Run, record.observation), *np.exp(logarithms)))
+            for record in dataset.records
+        ]
+        return without_columns(measured, np.vstack(columns))
 
     start = np.log([frequency, np.clip(damping_ratio, 1.01 * DAMPING_RATIOS[0], 0.99 * DAMPING_RATIOS[1])])
     far = math.log(LARGEST_FREQUENCY_FACTOR)
@@ -81,10 +70,10 @@ def _chi2(dataset: Dataset, model: AxisDynamics, frequency: float, damping_ratio
     return float(2 * least_squares(residual, start, bounds=bounds, diff_step=1e-3, max_nfev=40).cost)
 
 
-def _columns(model: AxisDynamics, run: Run, frequency: float, damping_ratio: float) -> list[Array]:
-    """Return the command, and position and velocity of the mode that it drives, from rest at the first sample."""
+def _columns(model: AxisDynamics, run: Run, frequency: float, damping_ratio: float) -> Array:
+    """Return the command, and position and velocity of the mode that it drives from rest: n by 3."""
     command = model.command(run)
-    return [command - command[0], *mode_response(command, frequency, damping_ratio, run.period)]
+    return np.column_stack([command - command[0], *mode_response(command, frequency, damping_ratio, run.period)])
 
 
 def mode_response(force: Array, frequency: float, damping_ratio: float, period: float) -> tuple[Array, Array]:

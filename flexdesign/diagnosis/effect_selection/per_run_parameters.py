@@ -63,15 +63,7 @@ class ByRun:
 
 
 def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return the fit in which strengths differ from run to run where the runs call for that; itself where they do not.
-
-    Parameters
-    ----------
-    task
-        The runs; without two that are fitted and one for validation, nothing can be said.
-    fit
-        A fit with effects.
-    """
+    """Return the fit with strengths that differ from run to run where the runs call for that; else itself."""
     runs, tested = _runs(task, fit), _varying(fit)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
@@ -175,7 +167,7 @@ def _with(
         pairs = [(r, np.asarray(at.predict(r.observation)) - fit.model.predict(r.observation)) for r in dataset.records]
     except InputError:  # it needs a column that was not recorded
         return None
-    changes = [dataset.whitened(record, np.where(record.present, change, 0.0)) for record, change in pairs]
+    changes = [dataset.whitened(record, change) for record, change in pairs]
     score = _score(fit, [-move / values[candidate.strength] for move in changes], runs, 0.0)
     if score.predicted_gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
         return None
@@ -266,8 +258,8 @@ def of_runs(task: EstimationTask, fit: FittedModel) -> dict[str, ByRun]:
     solutions = [fit.solution]
     for dataset in (task.validate, task.test):
         if dataset is not None and dataset.records:
-            where = task.coordinates(fit.model, (), dataset)
-            solution = solve(task.problem(dataset, fit.model, where), where.start)
+            problem = task.problem(dataset, fit.model)
+            solution = solve(problem, problem.where.start)
             solutions += [solution] if solution is not None else []
     return {name: _by_run(fit, solutions, name) for name in names}
 

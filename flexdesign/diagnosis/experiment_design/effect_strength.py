@@ -287,15 +287,7 @@ class Signature:
 
 
 def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Signature:
-    """Return the signature of an effect at a strength that can be seen.
-
-    Parameters
-    ----------
-    effect
-        On an axis.
-    experiments
-        In the order of plainness: the first of several that show it alike comes first.
-    """
+    """Return the signature of an effect at a strength that can be seen."""
     stroke, columns = effect.without.stroke, _columns(effect.name)
     experiments = [command for command in experiments if columns or not command.recorded]
     without = [reading(effect.without, command) for command in experiments]

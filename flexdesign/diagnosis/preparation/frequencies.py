@@ -30,15 +30,7 @@ FEWEST_SAMPLES = 200
 
 
 def mode_frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
-    """Return the frequencies [Hz] of the highest peaks of the residual, those of runs or else of frequency responses.
-
-    Parameters
-    ----------
-    data
-        What is diagnosed.
-    fit
-        The calibrated model, without effects.
-    """
+    """Return the frequencies [Hz] of the highest peaks of the residual of runs, or else of frequency responses."""
     found = _of_runs(data, fit) if data.runs else _of_responses(data, fit)
     return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS_TRIED])
 
@@ -80,15 +72,7 @@ def _of_responses(data: DiagnosisData, fit: FittedModel) -> list[tuple[float, fl
 
 
 def line_frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
-    """Return the frequencies of lines [Hz]: those of quiet records, and those of remainders where these show nothing.
-
-    Parameters
-    ----------
-    data
-        What is diagnosed.
-    fit
-        The calibrated model, without effects.
-    """
+    """Return the frequencies of lines [Hz]: those of quiet records, and of residuals where these show nothing."""
     seen = tuple(line.frequency for line in data.noise.lines)
     if data.noise.known and data.coarse_step is None:
         return seen

@@ -166,6 +166,6 @@ def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics
 
 def _cost(task: EstimationTask, model: AxisDynamics) -> float:
     """Return chi^2 of the fitted runs, of which only what enters linearly is fitted."""
-    where = task.coordinates(model, (), task.identify)
-    residuals = task.problem(task.identify, model, where).residuals(where.start)
+    problem = task.problem(task.identify, model)
+    residuals = problem.residuals(problem.where.start)
     return math.inf if residuals is None else float(sum(part @ part for part in residuals))

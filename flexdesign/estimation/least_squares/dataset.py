@@ -148,10 +148,15 @@ class Dataset:
         return float(sum(np.sum(record.basis[: len(record.measured)] ** 2) for record in self.records))
 
     def whitened(self, record: Record, difference: Array) -> Array:
-        """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
-        vector = self._whiten(record.observation, record.present, difference[:, None])[:, 0]
+        """Return values (n, SI) whitened, gaps as zeros, and what may add to them taken out: `record.rows` values."""
+        values = np.where(record.present, difference, 0.0)
+        vector = self._whiten(record.observation, record.present, values[:, None])[:, 0]
         padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
         return np.asarray(padded - record.basis @ (record.basis.T @ padded))
+
+    def whitened_columns(self, record: Record, columns: Array) -> Array:
+        """Return columns (n by k, SI) whitened, each by itself: `record.rows` by k."""
+        return np.column_stack([self.whitened(record, column) for column in columns.T])
 
     def residual(self, record: Record, predicted: Array) -> Array | None:
         """Return the whitened residual of a prediction; None where it is not finite."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Model, Parameter
+from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Map, Problem
@@ -142,17 +142,25 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
     fit_state
         Fits the initial state of one run from the best points of the grid; by default the best point is taken.
     """
-    own = _by_run(model)
+    own, starts, grids = dict[str, list[str]](), dict[str, list[float]](), dict[str, tuple[float, ...]]()
+    for parameter in model.parameters():
+        if parameter.run:
+            own.setdefault(parameter.run, []).append(parameter.name)
+            starts.setdefault(_number(parameter.name), []).append(parameter.start or 0.0)
+            grids |= {_number(parameter.name): parameter.screen} if parameter.screen else {}
     records = [record for record in dataset.records if record.observation.name in own]
-    grids = {_number(p): p.screen for parameters in own.values() for p in parameters if p.screen}
     if not grids or not records:
         return model
-    medians = _medians([p for parameters in own.values() for p in parameters])
+    medians = {number: median(values) for number, values in starts.items()}
     # Zero is the state of a stage that was never driven before.
     values = [*itertools.product(*grids.values()), (0.0,) * len(grids)]
     points = [{**medians, **dict(zip(grids, point, strict=True))} for point in values]
     changed = dict[str, float]()
-    trials = [(record, values) for record in records for values in ({}, *(_of_run(own, record, p) for p in points))]
+    trials = [
+        (record, values)
+        for record in records
+        for values in ({}, *({name: p[_number(name)] for name in own[record.observation.name]} for p in points))
+    ]
     costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))
     for k, record in enumerate(records):
         first, last = k * (len(points) + 1), (k + 1) * (len(points) + 1)
@@ -162,34 +170,14 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
             found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))
         cost, there = min(found, key=lambda pair: pair[0])
         if cost < OTHER_MINIMUM * costs[first]:
-            names = {p.name for p in own[record.observation.name]}
+            names = own[record.observation.name]
             changed |= {p.name: p.start for p in there.parameters() if p.name in names and p.start is not None}
     return model.replace(changed) if changed else model
 
 
-def _by_run(model: Model) -> dict[str, list[Parameter]]:
-    """Return the numbers of each run."""
-    found: dict[str, list[Parameter]] = {}
-    for parameter in model.parameters():
-        if parameter.run:
-            found.setdefault(parameter.run, []).append(parameter)
-    return found
-
-
-def _of_run(own: dict[str, list[Parameter]], record: Record, point: dict[str, float]) -> dict[str, float]:
-    return {p.name: point[_number(p)] for p in own[record.observation.name]}
-
-
-def _number(parameter: Parameter) -> str:
-    return parameter.name.rpartition(":")[2]
-
-
-def _medians(parameters: list[Parameter]) -> dict[str, float]:
-    """Return the median over the runs of each number that runs have of their own."""
-    starts: dict[str, list[float]] = {}
-    for parameter in parameters:
-        starts.setdefault(_number(parameter), []).append(parameter.start or 0.0)
-    return {number: median(values) for number, values in starts.items()}
+def _number(name: str) -> str:
+    """Return what a number of a run is called, without the run."""
+    return name.rpartition(":")[2]
 
 
 def _cost(dataset: Dataset, model: Model, record: Record) -> float:

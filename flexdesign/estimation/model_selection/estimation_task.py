@@ -83,12 +83,11 @@ class EstimationTask:
     scales: Mapping[str, Array] = field(default_factory=dict)
     scored: tuple[str, ...] = ()
 
-    def problem(self, dataset: Dataset, model: Model, where: Coordinates) -> Problem:
-        """Return the least-squares problem of a model with free parameters and a data set."""
-        return Problem(dataset, model, where, self.each)
+    def problem(self, dataset: Dataset, model: Model, free: Sequence[str] = ()) -> Problem:
+        """Return the least-squares problem of a data set: a model with free parameters, and with those of each run."""
+        return Problem(dataset, model, self._coordinates(model, free, dataset), self.each)
 
-    def coordinates(self, model: Model, free: Sequence[str], dataset: Dataset) -> Coordinates:
-        """Return the free parameters and those of each run as coordinates."""
+    def _coordinates(self, model: Model, free: Sequence[str], dataset: Dataset) -> Coordinates:
         runs = {record.observation.name for record in dataset.records}
         own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
         names = [*free, *own]

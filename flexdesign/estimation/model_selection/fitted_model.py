@@ -171,10 +171,7 @@ def fit_model(
     old: Columns | None = None,
     effort: Effort = FULL,
 ) -> FittedModel | None:
-    """Fit a model with effects and evaluate it on the validation runs; None where it cannot be simulated.
-
-    Parameters are those of `solve_case`.
-    """
+    """Fit a model with effects, see `solve_case`, and evaluate it on the validation runs; None where that fails."""
     solution = solve_case(task, model, effects, old=old, effort=effort)
     return None if solution is None else evaluate_fit(task, solution, effects)
 
@@ -189,20 +186,12 @@ def solve_case(
 ) -> Solution | None:
     """Fit a model with effects to the identification runs; None where it cannot be simulated.
 
-    Parameters
-    ----------
-    task, model, effects
-        The runs; the model at the values from which the fit starts; and the effects that it has.
-    old
-        Columns of the Jacobian of a fit nearby.
-    effort
-        When the fit ends.
+    It starts at the values of the model, and perhaps with `old` columns of the Jacobian of a fit nearby.
     """
     task = task.prepared(task, model)
     free = [*task.free, *(name for effect in effects for name in effect.free)]
-    where = task.coordinates(model, free, task.identify)
-    problem = task.problem(task.identify, model, where)
-    return solve(problem, where.start, effort, old if old and _fits(old, task.identify) else None)
+    problem = task.problem(task.identify, model, free)
+    return solve(problem, problem.where.start, effort, old if old and _fits(old, task.identify) else None)
 
 
 def _fits(old: Columns, dataset: Dataset) -> bool:
@@ -229,9 +218,9 @@ def evaluate_fit(task: EstimationTask, solution: Solution, effects: tuple[Candid
 
 def fit_initial_states(task: EstimationTask, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
     """Fit the initial states of the runs of a data set, while all other numbers stay; None where the model fails."""
-    where = task.coordinates(model, (), dataset)
+    problem = task.problem(dataset, model)
     # These numbers are known from nowhere else, so that no Jacobian is needed at the end.
-    return solve(task.problem(dataset, model, where), where.start, replace(effort, is_exact=False))
+    return solve(problem, problem.where.start, replace(effort, is_exact=False))
 
 
 def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) -> Model:

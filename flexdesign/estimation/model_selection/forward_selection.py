@@ -95,13 +95,6 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
     """Return rough fits of the entries that promise most, with runs in the initial states that suit them; best first.
 
     Those are the best quick fits; and the best scores in the present fit, as a quick fit may go astray.
-
-    Parameters
-    ----------
-    task, fit
-        As in `forward`.
-    entries
-        As `screen` returns them.
     """
 
     def roughly(entry: Entry) -> Entry | None:
@@ -244,15 +237,9 @@ def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], sc
 
 
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
-    """Return the comparison of a fit carried to its end; None where it cannot be simulated.
+    """Return the comparison of a rough fit carried to its end; None where it cannot be simulated.
 
-    Parameters
-    ----------
-    task, fit
-        As in `forward`.
-    entry, score
-        A fit as `fit_roughly` returns it, whose runs then begin where it fits best; and the critical value as `screen`
-        does.
+    Its runs begin where it fits best; `score` is the critical value, as `screen` returns it.
     """
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution

@@ -27,15 +27,8 @@ def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None =
     """Return the best of fits restarted near one that may be in a local minimum (multistart).
 
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
-    restart from other initial states, then with larger and smaller thresholds, each step twice as far as the last while
-    chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961).
-
-    Parameters
-    ----------
-    task, fit
-        The runs, and the fit.
-    names
-        Effects whose thresholds are moved; by default all.
+    restart from other initial states, then with larger and smaller thresholds (of the effects `names`, by default all),
+    each step twice as far as the last while chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961).
     """
     model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
     if model is not fit.model:
@@ -77,11 +70,6 @@ def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
 
     A run in a wrong initial state of hysteresis moves all numbers away from where its right one would be found. Where
     that explains a stated share of what was unexplained, it is done again.
-
-    Parameters
-    ----------
-    task, fit
-        The runs, and the fit.
     """
     dataset = fit.solution.problem.dataset
     remembers = any(p.run and p.screen for p in fit.model.parameters())

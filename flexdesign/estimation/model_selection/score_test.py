@@ -169,7 +169,7 @@ def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> flo
     ):
         if part is None:
             continue
-        whitened = np.column_stack([dataset.whitened(record, np.where(record.present, c, 0.0)) for c in part.T])
+        whitened = dataset.whitened_columns(record, part)
         projection = np.zeros((len(solution.x), whitened.shape[1]))
         projection[jacobian.places] = jacobian.matrix.T @ whitened
         projections.append(projection)
@@ -239,7 +239,7 @@ class Screening:
             change = np.asarray(there.predict(record.observation)) - before
             if not np.isfinite(change).all():
                 return None
-            parts.append(dataset.whitened(record, np.where(record.present, change, 0.0)))
+            parts.append(dataset.whitened(record, change))
         return np.concatenate(parts)
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
@@ -319,10 +319,7 @@ class Screening:
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
         """Return d'e over the length of d' for readings that are off by an error."""
         dataset = self.solution.problem.dataset
-        parts = [
-            dataset.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
-            for record in dataset.records
-        ]
+        parts = [dataset.whitened(record, error[record.observation.name]) for record in dataset.records]
         whole, projection = np.concatenate(parts), self.inverse @ self.solution.project(parts)
         return np.array(
             [(d.move @ whole - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]

@@ -71,14 +71,9 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
 
 
 def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
-    """Return chi^2 of the fitted runs if smooth functions take the place of effects.
+    """Return chi^2 of the fitted runs if smooth functions (`terms` of them) take the place of effects.
 
-    Parameters
-    ----------
-    task, fit
-        What is fitted, and the model without effects; its own numbers move along their Jacobian.
-    features, terms
-        Smooth functions, and the names of those that may be used.
+    The own numbers of the fit, which has no effects, move along their Jacobian.
     """
     dataset = fit.solution.problem.dataset
     names, seen = _columns(dataset, fit, features)
@@ -106,8 +101,7 @@ def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tu
     for record in dataset.records:
         made = features(record.observation, np.asarray(fit.model.predict(record.observation)))
         names = list(made)
-        columns = [dataset.whitened(record, np.where(record.present, column, 0.0)) for column in made.values()]
-        parts.append(np.column_stack(columns))
+        parts.append(dataset.whitened_columns(record, np.column_stack(list(made.values()))))
     return names, parts
 
 

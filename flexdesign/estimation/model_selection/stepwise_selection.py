@@ -36,15 +36,7 @@ LARGEST_GROUP = 3
 
 
 def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> FittedModel:
-    """Return the fit without those effects of some that have lost their evidence given the others.
-
-    Parameters
-    ----------
-    task, fit
-        The runs, and the fit.
-    tested
-        Names of the effects that are asked about.
-    """
+    """Return the fit without those of the effects `tested` that have lost their evidence given the others."""
     for effect in fit.effects:
         rest = tuple(other for other in fit.effects if other.name != effect.name)
         if effect.name not in tested or not rest:
@@ -226,15 +218,6 @@ def add_together(task: EstimationTask, fit: FittedModel, candidates: Sequence[Ca
     Where much is missing at once, the residual of a model with one further effect is so large and so correlated that
     the fall of chi^2 may be chance. Effects are therefore added one after the other without being asked for evidence,
     and then those are dropped, one by one, that have none given the others (Miller 2002, section 3.3).
-
-    Parameters
-    ----------
-    task, fit
-        The runs, and the fit from which it starts.
-    candidates
-        The catalogue.
-    most
-        Largest number of effects, those of the fit included.
     """
     full, score = fit, 0.0
     while full.exceeds_noise and len(full.effects) < most:

@@ -291,15 +291,6 @@ def check_intervals(
     """Return a fit, its uncertainty, the intervals of some coordinates, and whether a better fit was met on the way.
 
     From a better point that a profile meets the fit is repeated, twice at most.
-
-    Parameters
-    ----------
-    solution, places
-        The fit, and the coordinates.
-    refine
-        Converges a fit, and finds its uncertainty.
-    check
-        Whether ends are checked by a profile.
     """
     for refits in range(3):
         solution, found = refine(solution)
