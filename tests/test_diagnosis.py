@@ -32,7 +32,7 @@ from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
 from flexdesign.diagnosis.remainder import is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory
-from flexdesign.diagnosis.verdict import LARGE, accepted_fits, decide, levels, reach_verdict
+from flexdesign.diagnosis.verdict import LARGE, decide, levels, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_dynamics import missing
@@ -194,10 +194,19 @@ def concluded(
 ) -> Diagnosis:
     left = left or sparse_model()
     # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
-    with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(FittedModel, "is_white", False):
-        judges = (lambda *_: is_better_smooth), FittedModel.at_bound, (lambda *_: is_end_relevant)
-        verdict, named = decide(about, course, left, *judges)
-        ladder = [course.nominal, *accepted_fits(course, named)]
+    with (
+        mock.patch.multiple(
+            judgement,
+            intervals=quadratic,
+            is_better_without_physics=lambda *_: is_better_smooth,
+            relevant_ends=lambda _, fit: fit.at_bound(),
+            is_end_relevant=lambda *_: is_end_relevant,
+        ),
+        mock.patch.object(FittedModel, "is_white", False),
+    ):
+        _, task = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
+        verdict, named = decide(about, task, course, left)
+        ladder = [course.nominal, *course.levels_to(named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]

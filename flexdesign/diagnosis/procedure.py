@@ -16,7 +16,7 @@ from time import perf_counter
 import numpy as np
 
 from flexdesign.diagnosis.calibration import calibrate_task
-from flexdesign.diagnosis.effect_selection.black_box_models import basis_functions_of, is_better_linear
+from flexdesign.diagnosis.effect_selection.black_box_models import is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     PREDICTION_ERROR,
@@ -31,15 +31,12 @@ from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
-from flexdesign.diagnosis.verdict import accepted_fits, decide, reach_verdict
+from flexdesign.diagnosis.verdict import decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import BETTER
 from flexdesign.estimation.model_selection.determination import (
     drop_undetermined,
     hold_undetermined,
-    is_end_relevant,
-    relevant_ends,
     restart_from_profiles,
 )
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -54,7 +51,6 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
 from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
@@ -122,17 +118,12 @@ def diagnose(
         progress("looking at the residual")
         if history.final.effects:
             history = history.with_final(restart_from_profiles(task, history.final))
-        left = _sparse_model(data, task, history.final)
-        judges = (
-            partial(_is_better_without_physics, data, task),
-            partial(relevant_ends, task),
-            partial(is_end_relevant, task),
-        )
-        verdict, named = decide(data, history, left, *judges)
+        left = smooth_residual_model(data, task, history.final)
+        verdict, named = decide(data, task, history, left)
         determined, fixed = drop_undetermined(task, named)
         if {*determined.names} < {*named.names}:  # the others must still explain enough
-            kept = replace(history, fits=tuple(accepted_fits(history, determined)[1:]))
-            verdict, determined = decide(data, kept, left, *judges)
+            kept = replace(history, fits=history.levels_to(determined)[1:])
+            verdict, determined = decide(data, task, kept, left)
         named = determined
         named, held = hold_undetermined(task, named)
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
@@ -142,7 +133,7 @@ def diagnose(
         progress("predicting the test runs")
         scored = [run for run in data.runs if run.name in data.scored]
         alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None
-        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *accepted_fits(history, named))]
+        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *history.levels_to(named))]
         by_run = of_runs(task, error_ladder[-1])
         progress("finding the intervals")
         found = reach_verdict(
@@ -233,24 +224,3 @@ def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> t
         fits.append(fit)
         confirmed.append(replace(step, chosen=trial))
     return confirmed, fits
-
-
-def _is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
-    """Tell whether a linear system or smooth functions explain more in the place of the effects of a fit."""
-    return is_better_linear(data, base, fit) or _is_better_smooth(data, task, base, fit)
-
-
-def _is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
-    """Tell whether the smooth functions of what a fit with effects leaves explain more in the place of the effects."""
-    terms = _sparse_model(data, task, fit).terms
-    if not terms:
-        return False
-    alone = cost_of_terms(task, base, basis_functions_of(data, base), terms)
-    samples = base.solution.problem.dataset.samples
-    return alone - samples < BETTER * (fit.fitted_chi2 - samples)
-
-
-def _sparse_model(data: DiagnosisData, task: EstimationTask, fit: FittedModel) -> SparseModel:
-    seen = fit.solution.problem.dataset  # records may begin in more ways in a later fit
-    task = replace(task.prepared(task, fit.model), identify=seen)
-    return sparse_model(task, fit, basis_functions_of(data, fit))

@@ -206,9 +206,19 @@ class SelectionHistory:
     is_refused: bool = False
 
     @property
+    def levels(self) -> tuple[FittedModel, ...]:
+        """The fits from the calibrated model on, each with further effects."""
+        return (self.calibration, *self.fits)
+
+    @property
     def final(self) -> FittedModel:
         """The last fit."""
-        return self.fits[-1] if self.fits else self.calibration
+        return self.levels[-1]
+
+    def levels_to(self, named: FittedModel) -> tuple[FittedModel, ...]:
+        """Return the fits from the calibrated one to the one whose effects are named."""
+        place = next(i for i, fit in enumerate(self.levels) if {*named.names} <= {*fit.names})
+        return (*self.levels[:place], named)
 
     def with_final(self, fit: FittedModel) -> SelectionHistory:
         """Return the course with another last fit of the same effects."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.comparison.compare import reversal_doubts, reversal_doubts_of_lines
+from flexdesign.diagnosis.effect_selection.black_box_models import is_better_without_physics
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -25,6 +26,8 @@ from flexdesign.diagnosis.result import (
 )
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import LARGE, OVERSTATED, WORSE
+from flexdesign.estimation.model_selection.determination import is_end_relevant, relevant_ends
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
@@ -33,18 +36,8 @@ from flexdesign.estimation.uncertainty.identifiability import intervals
 Array = NDArray[np.float64]
 
 
-def levels(history: SelectionHistory) -> list[FittedModel]:
-    """Return the fits from the calibrated model on, each with further effects."""
-    return [history.calibration, *history.fits]
-
-
 def decide(
-    data: DiagnosisData,
-    history: SelectionHistory,
-    left: SparseModel,
-    is_better_without_physics: Callable[[FittedModel, FittedModel], bool],
-    ends: Callable[[FittedModel], Sequence[str]],
-    is_end_relevant: Callable[[FittedModel, str], bool],
+    data: DiagnosisData, task: EstimationTask, history: SelectionHistory, left: SparseModel
 ) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
@@ -53,28 +46,17 @@ def decide(
     And neither a linear system nor the smooth functions that describe the remainder must do better in the place of the
     effects, which would then be an approximation of something else. So is an effect next to which the model's own
     numbers, such as the gain, end at a limit: it stands for the motion that these no longer explain.
-
-    Parameters
-    ----------
-    data, history, left
-        What was diagnosed, how it went, and what smooth functions explain of the residual of the last fit.
-    is_better_without_physics
-        Tells for the calibrated model and one with effects whether what is no physics does better than these.
-    ends
-        Returns the numbers of a fit that are at the end of what is plausible, where that speaks against it.
-    is_end_relevant
-        Tells whether a number of a fit that is at the end of what is plausible matters to a prediction.
     """
-    every = levels(history)
-    if is_adequate(data, history.final, left) and not ends(history.final):
+    every = history.levels
+    if is_adequate(data, history.final, left) and not relevant_ends(task, history.final):
         return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibration)
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
     for named in range(len(every) - 1, 0, -1):
         is_large = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
-        is_at_limit = any(is_end_relevant(every[named], name) for name in _own_limits(every[named]))
-        is_plausible = not is_at_limit and not ends(every[named])
-        if is_large and is_plausible and not is_better_without_physics(every[0], every[named]):
+        is_at_limit = any(is_end_relevant(task, every[named], name) for name in _limits(every[named]))
+        is_plausible = not is_at_limit and not relevant_ends(task, every[named])
+        if is_large and is_plausible and not is_better_without_physics(data, task, every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", history.calibration
 
@@ -160,9 +142,8 @@ def reach_verdict(
 
 def _possible(data: DiagnosisData, history: SelectionHistory, final: FittedModel) -> dict[str, float]:
     """Return the added effects that are not named, with the shares that they explain of what the model is chosen by."""
-    every = levels(history)
     names = [name for name in history.final.names if name not in final.names]
-    return {name: _share(data, every, name, data.selecting, data.known_noise_rms) for name in names}
+    return {name: _share(data, history.levels, name, data.selecting, data.known_noise_rms) for name in names}
 
 
 def _confidence(
@@ -207,27 +188,17 @@ def _confidence(
 
 def _own_ends(fit: FittedModel) -> list[str]:
     """Return the model's own numbers that the fit moved to an end of their plausible range."""
-    where, own = fit.solution.problem.where, own_numbers(fit)
-    near = [np.isclose(fit.solution.x, end, rtol=1e-6, atol=0.0) for end in (where.lower, where.upper)]
-    return [name for name, is_end in zip(where.names, np.any(near, axis=0), strict=True) if is_end and name in own]
+    own = own_numbers(fit)
+    return [name for name in fit.ends() if name in own]
 
 
-def _own_limits(fit: FittedModel) -> list[str]:
-    """Return the model's own numbers at a limit of their plausible range, whatever their priors say.
-
-    The highest natural frequency is none: the runs then show no mode.
-    """
-    where, own = fit.solution.problem.where, own_numbers(fit)
-    values = where.values(fit.solution.x)
-    limits = {p.name: p.plausible if p.name != "natural_frequency" else p.plausible[:1] for p in where.parameters}
-    return [name for name in own if np.isclose(values[name], limits[name], rtol=1e-6, atol=0.0).any()]
-
-
-def accepted_fits(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:
-    """Return the fits from the calibrated one to the one whose effects are named."""
-    every = levels(history)
-    place = next(i for i, fit in enumerate(every) if {*final.names} <= {*fit.names})
-    return [*every[:place], final]
+def _limits(fit: FittedModel) -> list[str]:
+    """Return those that say that the structure of the model is wrong; the highest frequency says that no mode shows."""
+    where, quasistatic = fit.solution.problem.where, "natural_frequency"
+    ends = _own_ends(fit)
+    if quasistatic in ends and math.isclose(fit.solution.x[j := where.names.index(quasistatic)], where.upper[j]):
+        ends.remove(quasistatic)
+    return ends
 
 
 def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:

@@ -102,7 +102,7 @@ PARTS: tuple[Part, ...] = (
         lambda _, accepted: next(iter(accepted), None),
     ),
     Part(f"{_SELECTION}.model_comparison", "_trace", "asks that a sinusoid shows by its line", lambda *_: math.inf),
-    Part("flexdesign.diagnosis.procedure", "_is_better_smooth", "compares effects with smooth functions", _false),
+    Part(f"{_EFFECTS}.black_box_models", "is_better_smooth", "compares effects with smooth functions", _false),
     Part(f"{_EFFECTS}.black_box_models", "is_better_linear", "compares effects with a linear system", _false),
     Part(
         f"{_SELECTION}.sparse_residual_model",

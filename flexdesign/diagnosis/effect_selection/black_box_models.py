@@ -11,7 +11,7 @@ is and how it moves.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -23,9 +23,16 @@ from flexdesign.core.model import Observation
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.signal_chain import exact_step
+from flexdesign.estimation.criterion import BETTER
 from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.model_selection.sparse_residual_model import without_columns
+from flexdesign.estimation.model_selection.sparse_residual_model import (
+    SparseModel,
+    cost_of_terms,
+    sparse_model,
+    without_columns,
+)
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
@@ -198,3 +205,28 @@ def basis_functions_of(data: DiagnosisData, fit: FittedModel) -> BasisFunctions:
     lines = [int(each.present.sum()) for each in data.taught]
     band = (*data.band, max(lines)) if lines else None
     return BasisFunctions(cast(AxisDynamics, fit.model), band, bool(data.runs))
+
+
+# --- comparison -----------------------------------------------------------------------------------------------------
+
+
+def smooth_residual_model(data: DiagnosisData, task: EstimationTask, fit: FittedModel) -> SparseModel:
+    """Return the smooth functions that explain most of what a fit leaves."""
+    seen = fit.solution.problem.dataset  # records may begin in more ways in a later fit
+    task = replace(task.prepared(task, fit.model), identify=seen)
+    return sparse_model(task, fit, basis_functions_of(data, fit))
+
+
+def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether a linear system or smooth functions explain more in the place of the effects of a fit."""
+    return is_better_linear(data, base, fit) or is_better_smooth(data, task, base, fit)
+
+
+def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether the smooth functions of what a fit with effects leaves explain more in the place of the effects."""
+    terms = smooth_residual_model(data, task, fit).terms
+    if not terms:
+        return False
+    alone = cost_of_terms(task, base, basis_functions_of(data, base), terms)
+    samples = base.solution.problem.dataset.samples
+    return alone - samples < BETTER * (fit.fitted_chi2 - samples)

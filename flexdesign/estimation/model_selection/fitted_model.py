@@ -119,23 +119,26 @@ class FittedModel:
         price = numbers * math.log(self.solution.problem.dataset.samples)
         return self.cost + self.validation_chi2 + price * discrepancy
 
+    def ends(self) -> list[str]:
+        """Return the numbers that the fit moved to an end of their plausible range."""
+        where, x = self.solution.problem.where, self.solution.x
+        near = [np.isclose(x, end, rtol=1e-6, atol=0.0) for end in (where.lower, where.upper)]
+        return [name for name, is_end in zip(where.names, np.any(near, axis=0), strict=True) if is_end]
+
     def at_bound(self) -> list[str]:
-        """Return the numbers of effects that the fit moved to an end of their plausible range.
+        """Return the numbers of effects at an end of their plausible range.
 
         One that the runs do not determine may end anywhere: it says nothing. A strength may not.
         """
         where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
-        strengths = {effect.strength for effect in self.effects}
-        found, values = [], where.values(self.solution.x)
-        for j, parameter in enumerate(where.parameters):
-            if parameter.name not in free or parameter.null == values[parameter.name]:
-                continue
-            if parameter.name not in strengths and self.is_undetermined(j):
-                continue
-            ends = [end for end in (where.lower[j], where.upper[j]) if math.isfinite(end)]
-            if any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
-                found.append(parameter.name)
-        return found
+        strengths, values = {effect.strength for effect in self.effects}, where.values(self.solution.x)
+        return [
+            name
+            for name in self.ends()
+            if name in free
+            and where.parameters[where.names.index(name)].null != values[name]
+            and (name in strengths or not self.is_undetermined(where.names.index(name)))
+        ]
 
     def half_width(self, j: int) -> float:
         """Return half the 95 % interval of a coordinate by the covariance, discrepancy counted."""
