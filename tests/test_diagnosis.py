@@ -32,7 +32,7 @@ from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
 from flexdesign.diagnosis.remainder import is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory
-from flexdesign.diagnosis.verdict import LARGE, decide, levels, reach_verdict
+from flexdesign.diagnosis.verdict import LARGE, decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_dynamics import missing
@@ -336,7 +336,7 @@ def test_two_effects_of_one_step_are_named_together() -> None:
     tried = [trial_of(first, fit(about, 100.0, 100.0, [one]))]
     for after, names in ((60.0, ("creep", "quadratic_stiffness")), (500.0, ())):
         course = course_of(first, fit(about, after, after, [one, other]), tried=tried)
-        assert [level.names for level in levels(course)] == [(), ("creep", "quadratic_stiffness")]
+        assert [level.names for level in course.levels] == [(), ("creep", "quadratic_stiffness")]
         found = concluded(about, course)
         assert tuple(named.name for named in found.effects) == names
         assert tuple(found.possible_effects) == (() if names else ("creep", "quadratic_stiffness"))

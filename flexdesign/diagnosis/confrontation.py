@@ -14,7 +14,6 @@ from threading import RLock
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
@@ -32,7 +31,6 @@ from flexdesign.estimation.model_selection.forward_selection import Entry, finis
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 Of = TypeVar("Of")
 Made = TypeVar("Made")

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects, estimation
 from flexdesign.core import units
@@ -30,8 +29,6 @@ from flexdesign.estimation import Estimate, Fit, Starts
 from flexdesign.estimation.criterion import WORSE
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.comparison import Comparison, RunComparison, join_halves, where
 from flexdesign.dynamics.axis.axis_run import measured_stroke
@@ -19,7 +19,6 @@ from flexdesign.estimation.model_selection.sparse_residual_model import SparseMo
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-Array = NDArray[np.float64]
 Which = Literal["calibrated", "found"]
 
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.diagnosis.comparison.compare import reversal_doubts, reversal_doubts_of_lines
 from flexdesign.diagnosis.effect_selection.black_box_models import is_better_without_physics
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
@@ -32,8 +32,6 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.estimation.uncertainty.identifiability import intervals
-
-Array = NDArray[np.float64]
 
 
 def decide(

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.least_squares.dataset import Dataset
@@ -21,8 +21,6 @@ from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.autoregressive import White
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
 from flexdesign.estimation.uncertainty.identifiability import Estimate, check_intervals, estimates
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.diagnosis.experiment_design.effect_strength import KIND_WORDS, names_kind
 from flexdesign.estimation.noise.autoregressive import stretches
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-Array = NDArray[np.float64]
 #: A command stands still where it moves by less than this share of its span, and equals another that differs by less; a
 #: step moves by more than that share.
 STILL_CHANGE, STEP_CHANGE = 1e-3, 0.02

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Places
 from flexdesign.diagnosis.check.coverage import STEP_CHANGE, STILL_CHANGE
 from flexdesign.diagnosis.check.timing import timing_of
 from flexdesign.estimation.noise.autoregressive import stretches
@@ -15,7 +15,6 @@ from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.run import commanded_by
 
-Array = NDArray[np.float64]
 #: A command is clipped if it stands at an end of its range in this number of separate stretches, and this share of the
 #: record.
 CLIPPED_STRETCHES, CLIPPED_SHARE = 3, 0.02
@@ -239,15 +238,9 @@ def of_noise(response: str, noise: NoiseFloor) -> list[Suspicion]:
 
 def _upper_density(noise: NoiseFloor, name: str) -> float:
     """Return the density of the noise near the Nyquist frequency over that in the middle of the band."""
-    coefficients = noise.whitening.process(name).coefficients
-    lags = np.arange(len(coefficients))
-
-    def density(low: float, high: float) -> float:
-        frequencies = np.linspace(low, high, 20)
-        transfer = np.exp(-2j * np.pi * np.outer(frequencies, lags)) @ coefficients
-        return float(np.mean(1 / np.abs(transfer) ** 2))
-
-    return density(0.42, 0.5) / density(0.1, 0.2)
+    process = noise.whitening.process(name)
+    upper, middle = (process.density(np.linspace(low, high, 20), 1.0) for low, high in ((0.42, 0.5), (0.1, 0.2)))
+    return float(np.mean(upper) / np.mean(middle))
 
 
 def of_response(response: FrequencyResponse) -> list[Suspicion]:
@@ -281,7 +274,7 @@ def _sharpest(response: FrequencyResponse) -> tuple[float, float] | None:
     return float(response.frequencies[top]), float(response.frequencies[right] - response.frequencies[left])
 
 
-def outliers(run: Run, response: str) -> NDArray[np.intp]:
+def outliers(run: Run, response: str) -> Places:
     """Return the samples of a response that jump away from those around them and back, while no command jumps.
 
     >>> t = np.arange(400) * 1e-3

@@ -11,12 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.measurements.recordings import Run
 from flexdesign.measurements.recordings.run import commanded_by
 
-Array = NDArray[np.float64]
 #: Past samples in the sum: one mode has two, and what is found must hold with more; most rows that are looked at.
 MODEL_ORDERS, MOST_ROWS = (4, 8, 16), 20_000
 #: A weight counts if it is this number of standard errors from zero.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.comparison.error_location import Breakdown, where
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, compared_lines
@@ -22,7 +22,6 @@ from flexdesign.measurements.noise_level import NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
-Array = NDArray[np.float64]
 #: Below this correlation the reversed prediction would explain more than half of the motion.
 REVERSED_CORRELATION = -math.sqrt(0.5)
 

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Flags
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 #: Regions of position and of voltage.
 REGIONS = 5
 #: Speeds, as shares of the largest: below the first the stage rests, above the second it is fast.

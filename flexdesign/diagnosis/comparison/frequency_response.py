@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Complex, Flags
 from flexdesign.diagnosis.comparison.error_location import Breakdown, Part
 from flexdesign.measurements.noise_level import LineNoise
 from flexdesign.measurements.recordings import FrequencyResponse
 from flexdesign.measurements.recordings.run import Role
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 #: Bands of even ratios, no more than these and none with fewer lines than that on average.
 MOST_BANDS, FEWEST_LINES = 8, 5
 
@@ -55,7 +53,7 @@ class ResponseComparison:
     predicted: Complex
     sigma: Array
     coherence: Array | None
-    validation: NDArray[np.bool_]
+    validation: Flags
     known: bool
     remarks: tuple[str, ...]
 
@@ -91,7 +89,7 @@ class ResponseComparison:
 
 
 def compared_lines(
-    response: FrequencyResponse, predicted: Complex, noise: LineNoise, validation: NDArray[np.bool_] | None = None
+    response: FrequencyResponse, predicted: Complex, noise: LineNoise, validation: Flags | None = None
 ) -> ResponseComparison:
     """Compare a measured response with a predicted one."""
     return ResponseComparison(

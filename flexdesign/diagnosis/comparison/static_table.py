@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, Uncertainty, uncertainty
 from flexdesign.analytic.static_model.uncertainty import UNSAID
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS
 
-Array = NDArray[np.float64]
 #: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
 UNIT_DECADES = 0.35
 #: Decades beyond which no unit is sought: no measurement of the same quantity is a million times off.

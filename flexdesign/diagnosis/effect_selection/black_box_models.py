@@ -16,9 +16,9 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -36,7 +36,6 @@ from flexdesign.estimation.model_selection.sparse_residual_model import (
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
-Array = NDArray[np.float64]
 #: Damping ratios of the linear system, and the factor by which its frequency may leave where it starts.
 DAMPING_RATIOS, LARGEST_FREQUENCY_FACTOR = (1e-3, 3.0), 20.0
 #: Velocities are counted in this share of stroke times natural frequency; dry friction turns at a tenth of it.

@@ -10,9 +10,9 @@ from functools import partial
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance, parameter_of
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -22,7 +22,6 @@ from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import Run
 
-Array = NDArray[np.float64]
 #: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
 NAMED_BY_CALIBRATION = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass distinguishes from the others.

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from flexdesign.core.model import Model
@@ -33,7 +32,6 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel, diff
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import Run
 
-Array = NDArray[np.float64]
 #: Largest error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 #: The rms error is about a tenth of the largest: chi^2 of ten thousand samples is then off by one.
 PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4

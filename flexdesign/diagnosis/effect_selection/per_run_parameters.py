@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array, Flags
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Disturbance, Model, parameter_of
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
@@ -39,8 +39,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import Run
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -232,13 +230,13 @@ def _predicted_gain(task: EstimationTask, fit: FittedModel, name: str) -> float:
     return gain
 
 
-def _halves(change: Array, present: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+def _halves(change: Array, present: Flags) -> list[Flags]:
     """Return which values are of each half: where a number moves the first half of a run's sum of squares."""
     energy = np.cumsum(np.where(present, change - change[present].mean(), 0.0) ** 2)
     return [present & (energy <= energy[-1] / 2), present & (energy > energy[-1] / 2)]
 
 
-def _whiten(task: EstimationTask, run: Run, axis: str, table: Array, rows: NDArray[np.bool_]) -> Array:
+def _whiten(task: EstimationTask, run: Run, axis: str, table: Array, rows: Flags) -> Array:
     """Return columns whitened as a record of a run with gaps wherever nothing is kept."""
     part = replace(run, columns={**run.columns, axis: np.where(rows, run.measured(), np.nan)})
     return np.asarray(task.validate.noise.whiten(part, table * rows[:, None]))

@@ -59,9 +59,9 @@ class Conflict:
     """
 
     words: str
-    group: tuple[str, ...]
-    named: IdentifiedEffect | None
-    written: Callable[[AxisDynamics], AxisDynamics]
+    group: tuple[str, ...] = ()
+    named: IdentifiedEffect | None = None
+    written: Callable[[AxisDynamics], AxisDynamics] = lambda model: model
     number: str = ""
     rms: float = 0.0
 
@@ -79,23 +79,21 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
         if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
-            found.append(Conflict(_structural(ratio), (), None, lambda model: model, name))
+            found.append(Conflict(_structural(ratio), number=name))
             continue
         x, half = float(fit.solution.x[j]), fit.half_width(j)
         # What it was before is known no better than that, whatever the runs say of what it is now.
         deviations = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - half, x + half)]
         wide = math.hypot(max(deviations), HALF_WIDTH * sigma / abs(middle) * ratio)
         ends = [ratio - wide, ratio + wide]
-        if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
-            found.append(Conflict(words, (), None, lambda model: model, name))
-        elif name == "natural_frequency" and far < 0:
-            found.append(_frequency_shift(data, words, ratio, sorted(ends), is_stiffness=_follows(data, values)))
-        elif name == "gain" and _follows(data, values):
-            continue  # the softer support moved the gain as well
-        elif name == "gain":
-            found.append(_gain_shift(data, words, ratio, sorted(ends)))
+        is_determined = not ends[0] <= 1 <= ends[1]  # else the runs do not say by how much it moved
+        if is_determined and name == "natural_frequency" and far < 0:
+            found.append(_frequency_shift(data, words, ratio, ends, is_stiffness=_follows(data, values)))
+        elif is_determined and name == "gain":
+            if not _follows(data, values):  # else the softer support moved the gain as well
+                found.append(_gain_shift(data, words, ratio, ends))
         else:
-            found.append(Conflict(words, (), None, lambda model: model, name))
+            found.append(Conflict(words, number=name))
     more = (_delay_shift(data, fit), _quantisation(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
 
@@ -186,19 +184,17 @@ def _frequency_shift(
 ) -> Conflict:
     """Return what a lower natural frequency means: more mass, or less stiffness."""
     # A known mass would have shown that the table's own is another.
-    if data.is_loaded or is_stiffness:
-        name, numbers = "stiffness_loss", [1 - r**2 for r in (ratio, *reversed(ends))]
-    else:
-        name, numbers = SHOWN_BY_MASS, [r**-2 - 1 for r in (ratio, *reversed(ends))]
-    group = (name,) if data.is_loaded or is_stiffness else (SHOWN_BY_MASS, "stiffness_loss")
+    is_mass = not (data.is_loaded or is_stiffness)
+    group = (SHOWN_BY_MASS, "stiffness_loss") if is_mass else ("stiffness_loss",)
+    name, numbers = group[0], [r**-2 - 1 if is_mass else 1 - r**2 for r in (ratio, *reversed(ends))]
     axis = data.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
         faster = {
             "natural_frequency": axis.natural_frequency,
-            "damping_ratio": model.axis.damping_ratio * (1 / ratio if name == SHOWN_BY_MASS else ratio),
+            "damping_ratio": model.axis.damping_ratio * (1 / ratio if is_mass else ratio),
         }
-        if name != SHOWN_BY_MASS:
+        if not is_mass:
             faster["gain"] = model.axis.gain * ratio**2
         return _with(model.replace(faster), name, {"ratio": numbers[0]})
 
@@ -237,13 +233,13 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
         # What is not held acts half a sample earlier.
         if any(run.between_samples == "hold" and run.between_is_stated for run in data.runs):
             words += ", or the command was not held between its samples, as `between_samples` says"
-        return Conflict(words, (), None, lambda model: model, TRIGGER)
+        return Conflict(words, number=TRIGGER)
     if mean <= CONFLICT * error:
         return None
     limits = [where.parameters[j].plausible for j in places]
     if np.isclose(late, [high for _, high in limits], rtol=1e-6, atol=0.0).any():  # by how much is then unknown
         words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean, the most that is plausible"
-        return Conflict(words, (), None, lambda model: model, TRIGGER)
+        return Conflict(words, number=TRIGGER)
     # Runs that jitter less than was feared determine their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
     half = float(stdtrit(len(late) - 1, 0.975)) * error  # of a few runs the scatter itself is hardly known

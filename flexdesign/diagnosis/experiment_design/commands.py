@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits
 from flexdesign.dynamics.trajectories import Multisine
 from flexdesign.measurements.recordings import AXES, Role, Run
 
-Array = NDArray[np.float64]
 #: What an experiment shows; reports draw each kind in its own way.
 Kind = Literal[
     "quiet",

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.experiment_design.commands import Array, Command
+from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.effect_strength import (
     EQUAL_FACTOR,
     VISIBLE_SHARE,

@@ -10,9 +10,10 @@ from functools import cache
 import numpy as np
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Block, Disturbance, Effect, Parameter, Socket, Term, parameter_of
-from flexdesign.diagnosis.experiment_design.commands import Array, Command
+from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design.commands import (
     ROOM_TEMPERATURE,
-    Array,
     Command,
     multisine,
     on_grid,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.dynamics import stage_dynamics as stages
@@ -24,7 +24,6 @@ from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, li
 from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
 
-Array = NDArray[np.float64]
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less or the noise
 #: is unknown; a residual below the latter then counts as none.
 OF_NOISE, OF_STROKE = 0.3, 5e-4

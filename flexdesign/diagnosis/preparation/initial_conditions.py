@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Block, Model, Observation, Parameter
 from flexdesign.dynamics.axis.axis_model import REVERSALS, TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
@@ -20,7 +20,6 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-Array = NDArray[np.float64]
 #: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
 #: share of the stroke that a mode swings by.
 TRIGGER_DEVIATION, TURNING_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1

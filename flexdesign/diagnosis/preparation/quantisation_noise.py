@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.measurements.recordings import Run
 
-Array = NDArray[np.float64]
 #: Samples of its past that rounding is predicted from; and how often it is drawn, with another noise beneath each time.
 PREDICTION_ORDER, NOISE_DRAWS = 12, 4
 #: Noise of a sensor whose steps hide it is no more than this share of a step.

@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.analytic.static_model import StaticModel, StaticTable
 from flexdesign.analytic.static_model.separability import Proposal, proposals
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import ErrorStep, Verdict
@@ -26,7 +26,6 @@ from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fit_with
 from flexdesign.effects import statics
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 
-Array = NDArray[np.float64]
 #: Effects that are the answer only if no other is: turned arms pass for any offset that was not drawn, and tables are
 #: mostly taken at rest. They are not tried in pairs.
 TRIED_LAST = ("geometric_stiffening",)

@@ -9,11 +9,11 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty
 from flexdesign.analytic.static_model.uncertainty import LEVEL
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Member, Observation, Parameter, Reshape
 from flexdesign.diagnosis.comparison.static_table import compare
@@ -26,7 +26,6 @@ from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.identifiability import profiles_of
 
-Array = NDArray[np.float64]
 #: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.
 Cases = Mapping[str, tuple[float, ...]]
 #: Fits begin at these multiples of the size at which an effect is shown, and at the negative ones.

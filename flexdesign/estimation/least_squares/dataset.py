@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Flags
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.noise.autoregressive import Whitening, estimate_autocorrelation
 
-Array = NDArray[np.float64]
 #: A combination of columns this small, relative to the largest, is hidden.
 NULL_SPACE_TOLERANCE = 1e-10
 #: Residuals smaller than this share of the data are the simulator's rounding: costs do not differ there.
@@ -61,7 +60,7 @@ class Record:
 
     observation: Observation
     measured: Array
-    present: NDArray[np.bool_]
+    present: Flags
     columns: Array
     basis: Array
     amounts: Array
@@ -201,5 +200,5 @@ class Dataset:
         )
         return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
 
-    def _whiten(self, observation: Observation, present: NDArray[np.bool_], columns: Array) -> Array:
+    def _whiten(self, observation: Observation, present: Flags, columns: Array) -> Array:
         return np.asarray(self.noise.whiten(observation, columns) * present[:, None])

@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Flags
 from flexdesign.estimation.least_squares.residual_function import JacobianBlock, Problem
 
-Array = NDArray[np.float64]
 #: A step that promises to lower chi^2 by less than this, times the discrepancy, is the last: it moves no number by a
 #: third of its standard deviation.
 SMALL_REDUCTION = 0.1
@@ -291,7 +290,7 @@ def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], res
     return np.asarray(total)
 
 
-def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem, held: NDArray[np.bool_]) -> Array:
+def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem, held: Flags) -> Array:
     """Return the damped step within the bounds, of what is not held.
 
     What would leave the bounds goes to its bound, and the rest makes up for that.

@@ -13,15 +13,14 @@ from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Map, Problem
 
-Array = NDArray[np.float64]
 #: Points whose cost is computed for each start that may be followed: a tone of 15 periods with unknown amplitude,
 #: frequency and phase is then found in 38 of 40 fits, with half as many in 25.
 STARTING_POINTS = 32

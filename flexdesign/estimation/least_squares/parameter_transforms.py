@@ -7,12 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Model, Parameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

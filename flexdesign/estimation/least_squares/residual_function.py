@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Places
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, value
 
-Array = NDArray[np.float64]
 #: Applies a function to each item of a list, over threads perhaps.
 Map = Callable[..., Any]
 #: How far a finite difference should move the response, relative: between a simulator's error of 1e-7 and curvature.
@@ -35,7 +34,7 @@ FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 1e-4, 1e-7, 1e-2
 class JacobianBlock:
     """Derivative of the residual of one record: rows by some of the coordinates, whose places are `places`."""
 
-    places: NDArray[np.intp]
+    places: Places
     matrix: Array
 
 

@@ -7,14 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, coordinate, coordinates
 from flexdesign.estimation.least_squares.residual_function import Map, Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

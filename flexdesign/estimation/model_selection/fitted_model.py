@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model, parameter_of
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermined
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
@@ -18,8 +18,6 @@ from flexdesign.estimation.least_squares.multistart import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

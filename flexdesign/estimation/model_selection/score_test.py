@@ -19,16 +19,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
-Array = NDArray[np.float64]
 #: The free parameters imitate an effect if less than this fraction of its squares is independent of them.
 INDEPENDENT_SHARE = 1e-8
 #: A move smaller than this, in shares of the data, is rounding.

@@ -11,16 +11,15 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from flexdesign.core.arrays import Array, Flags
 from flexdesign.core.model import Observation
 from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, without_offset
 
-Array = NDArray[np.float64]
 #: Functions of what a model predicts of an observation, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
 #: No more terms than these.
@@ -105,9 +104,7 @@ def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tu
     return names, parts
 
 
-def _pursuit(
-    gram: Array, predicted_gain: Array, own: NDArray[np.bool_], critical_gain: float
-) -> tuple[list[int], list[float]]:
+def _pursuit(gram: Array, predicted_gain: Array, own: Flags, critical_gain: float) -> tuple[list[int], list[float]]:
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
     for _ in range(MOST_TERMS):

@@ -8,14 +8,13 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import matmul_toeplitz, solve_toeplitz
 
+from flexdesign.core.arrays import Array, Flags
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 
-Array = NDArray[np.float64]
 #: Fewest samples from which a residual's correlation is judged: of fewer, Schwarz's criterion sees none below 0.33.
 FEWEST_SAMPLES = 30
 #: Fewest samples in each record for a coefficient: Schwarz's criterion holds for many more samples than coefficients.
@@ -271,7 +270,7 @@ class ColouredNoise:
         return whitened
 
 
-def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def stretches(flags: Flags) -> list[tuple[int, int]]:
     """Return where flags are up: the first index of each stretch and the index after its last.
 
     >>> stretches(np.array([True, True, False, True]))

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array, Complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class CrossSpectra:
     frequencies: Array
     command: Array
     signal: Array
-    across: NDArray[np.complex128]
+    across: Complex
     segments: int
 
     @property

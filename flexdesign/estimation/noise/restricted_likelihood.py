@@ -12,12 +12,11 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from flexdesign.core.arrays import Array
 from flexdesign.estimation.noise.autoregressive import Process, burg
 
-Array = NDArray[np.float64]
 #: Highest order of a noise process: sensors filter with a few poles, and each coefficient more slows every whitening.
 HIGHEST_ORDER = 16
 #: How near to one a reflection may come: an AR(1) then remembers ten thousand samples, the length of a usual record.

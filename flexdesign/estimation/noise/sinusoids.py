@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, gammainccinv, gammaincinv
 
+from flexdesign.core.arrays import Array
 from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.noise.autoregressive import Process, burg
 from flexdesign.estimation.noise.restricted_likelihood import HIGHEST_ORDER, Stretch
 
-Array = NDArray[np.float64]
 #: Share of its squares that fading must be worth, or noise that is not quite autoregressive lets a strong sinusoid seem
 #: to fade: where the amplitude changes by a sixth either way it is a hundredth.
 LEAST_FADING = 0.01

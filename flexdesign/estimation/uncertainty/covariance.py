@@ -19,17 +19,14 @@ The correlation estimated from a residual is too small where few independent sam
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, add_normal
-from flexdesign.estimation.noise.autoregressive import Autocorrelation, estimate_autocorrelation
+from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
-Array = NDArray[np.float64]
 #: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.
 CONFIDENCE, MISFIT_LEVEL = 0.95, 0.01
 #: A singular value of the scaled Jacobian below this share of the largest counts as zero: the simulator's error of
@@ -97,16 +94,6 @@ class Uncertainty:
         return [i for i in np.flatnonzero(shared).tolist() if i != j and self.in_null_space(i)]
 
 
-class _Part(NamedTuple):
-    """The residual of one record: J' R J, and the degrees of freedom that the fit takes from it."""
-
-    autocorrelation: Autocorrelation
-    chi2: float
-    samples: int
-    score_covariance: Array
-    effective_parameters: float
-
-
 def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
     """Return what is known about the coordinates at a minimum.
 
@@ -124,25 +111,30 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     data = add_normal(np.zeros((len(solution.x), len(solution.x))), solution.jacobian)
     projection, inverse_hessian, null_space = _decompose(data, prior)
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
-    parts = _parts(solution, jacobians, inverse_hessian)
-    inflation = np.array([part.autocorrelation.inflation for part in parts])
-    samples = np.array([part.samples for part in parts])
-    chi2 = np.array([part.chi2 for part in parts])
+    counts = [len(record.measured) for record in records]
+    residuals = [whole[:count] for whole, count in zip(solution.residuals, counts, strict=True)]
+    colours = [estimate_autocorrelation(residual) for residual in residuals]
+    scores = [c.quadratic(j[:count]) for c, j, count in zip(colours, jacobians, counts, strict=True)]
+    taken = [  # degrees of freedom that the fit takes from a record, with its nuisance columns
+        float(np.sum(inverse_hessian * score)) + float(np.trace(c.quadratic(record.basis[:count])))
+        for c, score, record, count in zip(colours, scores, records, counts, strict=True)
+    ]
+    inflation = np.array([colour.inflation for colour in colours])
+    samples = np.array([int(record.present.sum()) for record in records])
+    chi2 = np.array([float(residual @ residual) for residual in residuals])
     # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
-    left = np.maximum(samples - [part.effective_parameters for part in parts], 0.1 * samples)
+    left = np.maximum(samples - taken, 0.1 * samples)
     pooled = float(chi2.sum() / left.sum())
     parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection)))
     parameters += solution.problem.dataset.nuisance_dof
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
-    is_white = all(part.autocorrelation.is_white for part in parts)
+    is_white = all(colour.is_white for colour in colours)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, MISFIT_LEVEL))
     variance = given if is_explained else pooled
-    variances = np.full(len(parts), variance) if is_white else np.maximum(chi2 / left, given)
+    variances = np.full(len(records), variance) if is_white else np.maximum(chi2 / left, given)
     # What is known of nuisance columns and of parameters counts with the variance that it states.
-    known = np.vstack([prior, *(j[len(record.measured) :] for j, record in zip(jacobians, records, strict=True))])
-    score_covariance = known.T @ known + sum(
-        v * part.score_covariance for v, part in zip(variances, parts, strict=True)
-    )
+    known = np.vstack([prior, *(j[count:] for j, count in zip(jacobians, counts, strict=True))])
+    score_covariance = known.T @ known + sum(v * score for v, score in zip(variances, scores, strict=True))
     upper = (1 + CONFIDENCE) / 2
     return Uncertainty(
         covariance=inverse_hessian @ score_covariance @ inverse_hessian,
@@ -152,20 +144,6 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
         variance=variance,
         inflation=tuple(inflation.tolist()),
     )
-
-
-def _parts(solution: Solution, jacobians: Sequence[Array], inverse_hessian: Array) -> list[_Part]:
-    """Return the residuals of all records; the Jacobians have no null directions."""
-    made = []
-    for record, whole, jacobian in zip(solution.problem.dataset.records, solution.residuals, jacobians, strict=True):
-        count = len(record.measured)
-        residual = whole[:count]
-        found = estimate_autocorrelation(residual)
-        score_covariance = found.quadratic(jacobian[:count])
-        nuisance = float(np.trace(found.quadratic(record.basis[:count])))
-        parameters = float(np.sum(inverse_hessian * score_covariance)) + nuisance
-        made.append(_Part(found, float(residual @ residual), int(record.present.sum()), score_covariance, parameters))
-    return made
 
 
 def _decompose(data: Array, prior: Array) -> tuple[Array, Array, Array]:

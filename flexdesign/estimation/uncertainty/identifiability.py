@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Parameter
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, refine_minimum, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, value
@@ -21,7 +21,6 @@ from flexdesign.estimation.uncertainty import profile_likelihood
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
 from flexdesign.estimation.uncertainty.profile_likelihood import Profile, quadratic
 
-Array = NDArray[np.float64]
 #: An interval that covers this share of the plausible range, or of the prior, says nothing new: nearly all.
 UNINFORMATIVE_WIDTH = 0.9
 #: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were

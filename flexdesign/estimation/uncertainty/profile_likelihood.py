@@ -15,12 +15,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, Columns, Effort, Solution, solve
 from flexdesign.estimation.uncertainty.covariance import Uncertainty
 
-Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
 #: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
 COVARIANCE_TOLERANCE, PROFILE_ACCURACY = 0.1, 0.03

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import units
-from flexdesign.diagnosis.experiment_design.commands import Array, Command
+from flexdesign.core.arrays import Array
+from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 from flexdesign.report.comparison_text import axis_unit, sign
