@@ -18,7 +18,7 @@ from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
 from flexdesign.diagnosis.comparison import Comparison, compare, holds, where
-from flexdesign.diagnosis.comparison.compare import reversal_doubts
+from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, Driver, StageModel, to_toml
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
@@ -108,8 +108,8 @@ def test_a_reversed_sign_is_asked_about() -> None:
     assert ["command or of the response reversed" in each for each in said] == [True, False, False]
     turned, sensed = recorded("a", steps()), recorded("b", steps(), replace(AXIS, gain=-AXIS.gain))
     residual = sensed.measured() - turned.measured()
-    assert "reversed" in " ".join(reversal_doubts([sensed], {"b": residual}))
-    assert not reversal_doubts([turned], {"a": 0 * residual})
+    assert "reversed" in reversal_doubt([sensed], {"b": residual})
+    assert not reversal_doubt([turned], {"a": 0 * residual})
 
 
 def test_every_run_has_an_offset_of_its_own_and_what_to_keep_in_mind() -> None:

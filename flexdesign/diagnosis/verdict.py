@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexdesign.core.arrays import Array
-from flexdesign.diagnosis.comparison.compare import reversal_doubts, reversal_doubts_of_lines
+from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
 from flexdesign.diagnosis.effect_selection.black_box_models import is_better_without_physics
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
@@ -153,7 +153,8 @@ def _confidence(
 ) -> str:
     """Return what weakens the verdict, in words; the fits with the residuals of test runs."""
     residuals = history.nominal.residuals_by_run
-    remarks = reversal_doubts(data.runs, residuals) or reversal_doubts_of_lines(data.responses, residuals)
+    doubt = reversal_doubt(data.runs, residuals) or reversal_doubt_of_lines(data.responses, residuals)
+    remarks = [doubt] if doubt else []
     if not data.noise.known:
         remarks.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "

@@ -306,15 +306,14 @@ def reversal_question(found: float) -> str:
     )
 
 
-def reversal_doubts(runs: Sequence[Run], residuals: Mapping[str, Array]) -> list[str]:
-    """Return the question to ask, or nothing, of runs and their residuals by name [response]."""
+def reversal_doubt(runs: Sequence[Run], residuals: Mapping[str, Array]) -> str:
+    """Return the question to ask of runs and their residuals by name [response]; empty if there is none."""
     moving = [run for run in runs if run.name in residuals and np.ptp(run.command())]
-    doubt = reversal_question(correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving))
-    return [doubt] if doubt else []
+    return reversal_question(correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving))
 
 
-def reversal_doubts_of_lines(responses: Sequence[FrequencyResponse], residuals: Mapping[str, Array]) -> list[str]:
-    """Return the question to ask, or nothing, of frequency responses and their residuals by name [response/V].
+def reversal_doubt_of_lines(responses: Sequence[FrequencyResponse], residuals: Mapping[str, Array]) -> str:
+    """Return the question to ask of frequency responses and their residuals by name [response/V]; empty if none.
 
     The correlation is the mean cosine of the phase between measured and predicted lines, whatever their size.
     """
@@ -324,5 +323,4 @@ def reversal_doubts_of_lines(responses: Sequence[FrequencyResponse], residuals: 
         both = each.response * (real - 1j * imaginary)
         both = both[each.present & (both != 0)]
         cosines.append(both.real / np.abs(both))
-    doubt = reversal_question(float(np.mean(np.concatenate(cosines)))) if cosines else ""
-    return [doubt] if doubt else []
+    return reversal_question(float(np.mean(np.concatenate(cosines)))) if cosines else ""

@@ -129,6 +129,10 @@ class Direction:
         """How many times the trial's strength the residual asks for."""
         return self.predicted_gain / self.projected_norm2
 
+    def can_have(self, step: float) -> bool:
+        """Tell whether a multiple of the trial's strength has a possible sign and is not far from the catalogue's."""
+        return (step > 0 or self.candidate.signed) and abs(step) * self.scale <= LARGEST_EXTRAPOLATION
+
     @property
     def reduction_as_it_is(self) -> float:
         """By how much the cost would fall at the trial's own strength."""
@@ -144,9 +148,7 @@ class Direction:
     @property
     def predicted_reduction(self) -> float:
         """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
-        if (self.best_step <= 0 and not self.candidate.signed) or abs(
-            self.best_step
-        ) * self.scale > LARGEST_EXTRAPOLATION:
+        if not self.can_have(self.best_step):
             return 0.0
         more = chdtri(self.columns, SIMULATED_LEVEL) - chdtri(1, SIMULATED_LEVEL)
         return max(self.predicted_gain * self.best_step - float(more), 0.0)
@@ -362,20 +364,9 @@ class Screening:
                 continue
             p, q = a.predicted_gain / math.sqrt(a.projected_norm2), b.predicted_gain / math.sqrt(b.projected_norm2)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
-            far = (
-                max(
-                    abs(of_a) / math.sqrt(a.projected_norm2) * a.scale,
-                    abs(of_b) / math.sqrt(b.projected_norm2) * b.scale,
-                )
-                > LARGEST_EXTRAPOLATION
-            )
-            if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
+            if a.can_have(of_a / math.sqrt(a.projected_norm2)) and b.can_have(of_b / math.sqrt(b.projected_norm2)):
                 made.append((of_a * p + of_b * q, a, b))
-        made.sort(key=lambda pair: -pair[0])
-        seen, pairs = set[frozenset[str]](), []
-        for pair in made:
-            names = frozenset((pair[1].candidate.name, pair[2].candidate.name))
-            if names not in seen:
-                seen.add(names)
-                pairs.append(pair)
-        return pairs[:most]
+        best = dict[frozenset[str], tuple[float, Direction, Direction]]()
+        for pair in sorted(made, key=lambda pair: -pair[0]):
+            best.setdefault(frozenset((pair[1].candidate.name, pair[2].candidate.name)), pair)
+        return list(best.values())[:most]
