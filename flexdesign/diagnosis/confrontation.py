@@ -18,9 +18,9 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import procedure, verdict
-from flexdesign.diagnosis.calibration import CalibratedTask, calibrate_task, evaluate_design
 from flexdesign.diagnosis.confronted import Confronted, settings_of
 from flexdesign.diagnosis.effect_selection import estimation_setup
+from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, evaluate_design
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import ErrorStep, Value
 from flexdesign.dynamics.stage_model import StageModel

@@ -14,9 +14,8 @@ from time import perf_counter
 import numpy as np
 
 from flexdesign.diagnosis import comparison
-from flexdesign.diagnosis.calibration import evaluate_design
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.effect_selection.estimation_setup import PRIOR_BOUND, case_of, simulating
+from flexdesign.diagnosis.effect_selection.estimation_setup import PRIOR_BOUND, case_of, evaluate_design, simulating
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.result import ModelResiduals, compare_model

@@ -15,11 +15,10 @@ from time import perf_counter
 
 import numpy as np
 
-from flexdesign.diagnosis.calibration import calibrate_task
-from flexdesign.diagnosis.effect_selection.black_box_models import is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     PREDICTION_ERROR,
+    calibrate_task,
     case_of,
     choose_interpolation,
     simulating,
@@ -29,7 +28,7 @@ from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, sho
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, truncate
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
-from flexdesign.diagnosis.remainder import is_adequate
+from flexdesign.diagnosis.remainder import is_adequate, is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics

@@ -10,11 +10,17 @@ import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
-from flexdesign.diagnosis.effect_selection.black_box_models import is_better_without_physics
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.remainder import describe, describe_unnamed, is_adequate, remainder, unexplained_rms
+from flexdesign.diagnosis.remainder import (
+    describe,
+    describe_unnamed,
+    is_adequate,
+    is_better_without_physics,
+    remainder,
+    unexplained_rms,
+)
 from flexdesign.diagnosis.result import (
     CandidateRecord,
     Diagnosis,

@@ -19,8 +19,8 @@ from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.autoregressive import White
-from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
 from flexdesign.estimation.uncertainty.identifiability import Estimate, check_intervals, estimates
+from flexdesign.estimation.uncertainty.intervals import Uncertainty, uncertainty
 
 
 @dataclass(frozen=True, eq=False)

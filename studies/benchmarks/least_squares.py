@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from flexdesign.core.model import Model
-from flexdesign.diagnosis.calibration import calibrate
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
+    calibrate,
     case_of,
     find_undetermined,
     simulating,

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from flexdesign.diagnosis import calibration
+from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, linearise
 from flexdesign.estimation.model_selection import fitted_model as stands
@@ -47,7 +47,7 @@ def shared(run: Run, p: float, q: float) -> Array:
 def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> None:
     """By linear algebra; its own numbers stay, and the Jacobian holds them all the same."""
     about = task({})
-    found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
+    found = estimation_setup.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     assert found is not None
     values = {p.name: p.start for p in found.model.parameters()}
     assert (values["p"], values["q"]) == (1.5, -0.7)
@@ -86,7 +86,7 @@ def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
 def test_the_jacobian_of_a_design_knows_what_its_own_numbers_imitate() -> None:
     """No step is taken, so that it promises the fall of chi^2 that a calibration brings."""
     about = task({})
-    found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
+    found = estimation_setup.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     fitted = calibrated_stand(about)
     gradient = found.solution.project(found.solution.residuals)
     predicted_reduction = float(gradient @ found.solution.covariance @ gradient)

@@ -16,9 +16,8 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCT
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
-from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.identifiability import intervals
-from flexdesign.estimation.uncertainty.profile_likelihood import _Path
+from flexdesign.estimation.uncertainty.intervals import _Path, uncertainty
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 T = np.linspace(0, 3, 400)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import parameter_of
-from flexdesign.diagnosis.calibration import evaluate_design
+from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool

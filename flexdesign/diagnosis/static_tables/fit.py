@@ -23,8 +23,8 @@ from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, coordinates, value
 from flexdesign.estimation.least_squares.residual_function import Problem
-from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.identifiability import profiles_of
+from flexdesign.estimation.uncertainty.intervals import uncertainty
 
 #: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.
 Cases = Mapping[str, tuple[float, ...]]

@@ -17,9 +17,7 @@ from flexdesign.core.arrays import Array
 from flexdesign.core.model import Parameter
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, refine_minimum, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, value
-from flexdesign.estimation.uncertainty import profile_likelihood
-from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
-from flexdesign.estimation.uncertainty.profile_likelihood import Profile, quadratic
+from flexdesign.estimation.uncertainty.intervals import Profile, Uncertainty, profile, quadratic, uncertainty
 
 #: An interval that covers this share of the plausible range, or of the prior, says nothing new: nearly all.
 UNINFORMATIVE_WIDTH = 0.9
@@ -92,14 +90,14 @@ def estimates(
     """
     check = _Check(solution, uncertainty, profiles, minima)
     made = []
-    for j, profile in profiles.items():
+    for j, found in profiles.items():
         parameter = solution.problem.where.parameters[j]
         reason, interval, confounded = check.reason(j)
-        if reason or profile is None:
+        if reason or found is None:
             made.append(Estimate(parameter, None, None, interval, False, reason, confounded))
             continue
-        note, interval, sigma = "", check.interval(j, profile), check.sigma(j)
-        if profile.corrected:
+        note, interval, sigma = "", check.interval(j, found), check.sigma(j)
+        if found.corrected:
             note = "interval from the profile likelihood"
             sigma = (interval[1] - interval[0]) / (2 * uncertainty.quantile)
         made.append(Estimate(parameter, check.values[parameter.name], sigma, interval, True, note))
@@ -305,6 +303,6 @@ def profiles_of(solution: Solution, found: Uncertainty, places: Sequence[int], c
     """Return the intervals of some coordinates, each end checked by a profile or not; None in the null space."""
     # A coordinate that shows in no small step may show in a large one: a limit that the runs stay far below.
     chosen = [j for j in places if not found.in_null_space(j) or (check and not found.confounded_with(j))]
-    make = profile_likelihood.profile if check else quadratic
+    make = profile if check else quadratic
     made = dict(zip(chosen, solution.problem.each(lambda j: make(solution, found, j), chosen), strict=True))
     return {j: made.get(j) for j in places}

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
-from flexdesign.estimation.noise.restricted_likelihood import HIGHEST_ORDER, Stretch, estimate
-from flexdesign.estimation.noise.sinusoids import Sinusoid, remove_sinusoids
+from flexdesign.estimation.noise.quiet_stretches import HIGHEST_ORDER, Sinusoid, Stretch, estimate, remove_sinusoids
 from flexdesign.measurements.noise_level.sources import (
     SHORTEST_SETTLING,
     Source,

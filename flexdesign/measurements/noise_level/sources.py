@@ -12,7 +12,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 from flexdesign.estimation.noise.autoregressive import stretches as where_up
-from flexdesign.estimation.noise.restricted_likelihood import Stretch
+from flexdesign.estimation.noise.quiet_stretches import Stretch
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]

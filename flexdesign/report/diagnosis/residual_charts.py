@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.comparison import holds
-from flexdesign.estimation.noise.cross_spectra import cross_spectra
+from flexdesign.diagnosis.preparation.frequencies import cross_spectra
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
 Array = NDArray[np.float64]
