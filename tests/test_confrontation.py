@@ -10,7 +10,7 @@ import pytest
 
 import flexdesign as fd
 from flexdesign.api.confrontation import Confrontation
-from flexdesign.diagnosis.confronted import Confronted
+from flexdesign.diagnosis.confrontation import Confronted
 from flexdesign.workbench import charts
 
 ROOT = Path(__file__).parent.parent

@@ -21,7 +21,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis.comparison import compare
-from flexdesign.diagnosis.discriminating_experiments import proposals
+from flexdesign.diagnosis.experiment_design.discrimination import proposals
 from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
 from flexdesign.measurements.noise_level.lines import LineNoise, noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run

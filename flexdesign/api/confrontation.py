@@ -19,7 +19,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import confrontation
 from flexdesign.diagnosis.add_effect import InTheLoop
-from flexdesign.diagnosis.confronted import Confronted
+from flexdesign.diagnosis.confrontation import Confronted
 from flexdesign.diagnosis.effect_names import own_effects
 from flexdesign.diagnosis.result import Value
 from flexdesign.dynamics.stage_model import StageModel, edit

@@ -12,7 +12,7 @@ from flexdesign.api import static_tables
 from flexdesign.api.models import read_model
 from flexdesign.api.result import Result
 from flexdesign.design.design import Design
-from flexdesign.diagnosis import Diagnosis, discriminating_experiments, initialised_comparison
+from flexdesign.diagnosis import Diagnosis, experiment_design, initialised_comparison
 from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import check as checking
 from flexdesign.diagnosis import identify as identification
@@ -305,7 +305,7 @@ def diagnose(
     found = diagnosis.diagnose(
         stage, runs, axis=axis, more=more, tolerance=least, noise=stated, progress=Steps(progress)
     )
-    apart = discriminating_experiments.proposals(found, progress)
+    apart = experiment_design.proposals(found, progress)
     better = additions.with_knowledge(found.model, found.axis, additions.values(found), (*found.runs, *found.responses))
     return DiagnosisResult(
         found,

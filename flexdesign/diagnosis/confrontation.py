@@ -6,6 +6,7 @@ fit alone, by the same steps as in a diagnosis; fits that were made are kept.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -17,13 +18,15 @@ import numpy as np
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import procedure, verdict
-from flexdesign.diagnosis.confronted import Confronted, settings_of
+from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, evaluate_design
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.result import ErrorStep, Value
+from flexdesign.diagnosis.result import ErrorStep, ModelResiduals, Value, compare_model, compared_runs
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.criterion import CONFLICT
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
@@ -31,13 +34,102 @@ from flexdesign.estimation.model_selection.forward_selection import Entry, finis
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
+#: A parameter may be set within `CONFLICT` standard deviations of its prior; else from a half to twice its value.
+DEFAULT_FACTOR = 2.0
+
+
+@dataclass(frozen=True)
+class AdjustableParameter:
+    """A number of a model that may be set by hand, SI.
+
+    Parameters
+    ----------
+    parameter
+        What it is, and its unit.
+    value
+        What it is now.
+    low, high
+        Between what it may be set.
+    """
+
+    parameter: Parameter
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Confronted(ModelResiduals):
+    """A model with some effects, compared with the runs.
+
+    Parameters
+    ----------
+    effects
+        Names of the effects that were added.
+    error_ladder
+        Errors on the runs that judge, from the model as designed to this one [response].
+    noise_floor
+        Rms noise of these runs [response].
+    settings
+        The numbers that were fitted.
+    reason
+        Why the effect that was added last is not needed; empty if it is, or if the fit is rough.
+    is_rough
+        Whether the effect that was added last is fitted roughly only.
+    """
+
+    effects: tuple[str, ...]
+    error_ladder: tuple[ErrorStep, ...]
+    noise_floor: float
+    settings: tuple[AdjustableParameter, ...]
+    reason: str
+    is_rough: bool = False
+
+    @property
+    def error(self) -> float:
+        """Rms residual of the runs that judge [response]."""
+        return self.error_ladder[-1].error
+
+    @property
+    def ratio(self) -> float:
+        """That error over the noise floor."""
+        return self.error / self.noise_floor
+
+    @cached_property
+    def compared_runs(self) -> tuple[RunComparison, ...]:
+        """Measured against modelled, run by run."""
+        return compared_runs(self, "found")
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The same, and where the model fails."""
+        return compare_model(self, "found")
+
+
+def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:
+    """Return the numbers of a fit that may be set by hand; some of them have been, SI."""
+    where, x = fit.solution.problem.where, fit.solution.x
+    values, known, found = where.values(x), where.known, []
+    for parameter in where.parameters:
+        if parameter.run:
+            continue
+        fitted = values[parameter.name]
+        reach = abs(fitted) * (1 - 1 / DEFAULT_FACTOR) or 1.0
+        low, high = fitted - reach, fitted + DEFAULT_FACTOR * reach
+        if parameter.name in known and parameter.scale == "linear":
+            middle, sigma = known[parameter.name]
+            low, high = min(fitted, middle - CONFLICT * sigma), max(fitted, middle + CONFLICT * sigma)
+        if parameter.null is not None and math.isfinite(parameter.null):
+            low, high = min(low, parameter.null), max(high, parameter.null)
+        low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])
+        present = by_hand.get(parameter.name, fitted)
+        found.append(AdjustableParameter(parameter, present, min(low, fitted), max(high, fitted)))
+    return tuple(found)
+
+
 Progress = Callable[[str], None]
 Of = TypeVar("Of")
 Made = TypeVar("Made")
-
-
-def _silent(_: str) -> None:
-    """Say nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +173,7 @@ class Confrontation:
         axis: str | None = None,
         more: Sequence[str] = (),
         noise: float | None = None,
-        progress: Progress = _silent,
+        progress: Progress = lambda _: None,
     ) -> None:
         self.model, self._more, self._progress = model, list(more), progress
         self._turn = RLock()  # one fit at a time
@@ -129,14 +221,12 @@ class Confrontation:
         """The effects that the axis does not have."""
         return procedure.catalogue(self.data, self._dynamics, self._calibrated_task.calibrated, more=self._more)
 
-    # --- as designed, and with effects ---------------------------------------------------------------------------
-
     def designed(self) -> Confronted:
         """Return the model as designed; only the initial conditions of the runs are fitted."""
         return self._confronted((), _CachedFit(self._nominal), is_designed=True)
 
     def with_effects(
-        self, names: Sequence[str] = (), progress: Progress = _silent, *, roughly: bool = False
+        self, names: Sequence[str] = (), progress: Progress = lambda _: None, *, roughly: bool = False
     ) -> Confronted:
         """Return the model with its own numbers fitted and some effects, in the order in which they are added.
 
@@ -169,7 +259,7 @@ class Confrontation:
         with self._turn:
             return tuple(c.name for c in self.catalogue if c.name not in names and c.after in ("", *names))
 
-    def evidence(self, names: Sequence[str] = (), progress: Progress = _silent) -> dict[str, float]:
+    def evidence(self, names: Sequence[str] = (), progress: Progress = lambda _: None) -> dict[str, float]:
         """Return what the residual of a model with some effects says for each further one, most first.
 
         That is the share of the unexplained chi^2 of the fitted runs that it removes, 0 to 1; zero where no more than
@@ -238,17 +328,8 @@ class Confrontation:
             raise InputError("command line", "effect", name, remedy)
         return found
 
-    # --- numbers set by hand ---------------------------------------------------------------------------------------
-
     def simulate(self, names: Sequence[str], values: Mapping[str, float]) -> Confronted:
-        """Return a model that was fitted, with some numbers set by hand; nothing is fitted anew.
-
-        Parameters
-        ----------
-        names
-            Its effects.
-        values
-            Numbers by name, SI.
+        """Return a model with effects that was fitted, some numbers set by hand (SI); nothing is fitted anew.
 
         Raises
         ------
@@ -267,7 +348,7 @@ class Confrontation:
         model = self.task.coarse(kept.fit.model.replace(dict(values)))
         pairs = [(d, r) for d in (self.task.identify, self.task.validate, self.task.test) if d for r in d.records]
         with self._turn, self._libraries.limit(limits=1):
-            self._progress = _silent
+            self._progress = lambda _: None
             found = self.task.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), pairs)
         if not all(np.isfinite(rest[record.present]).all() for rest, (_, record) in zip(found, pairs, strict=True)):
             raise InputError("model", f"axis.{self.data.name}", None, "grows without bound at these values; go back")
@@ -284,8 +365,6 @@ class Confrontation:
                 found = verdict.values_of(self._kept[chosen].fit, is_fitted=False)  # at the values that are shown
                 self._values[chosen] = tuple(found.values())
             return self._values[chosen]
-
-    # --- what is returned ------------------------------------------------------------------------------------------
 
     def _confronted(
         self,

@@ -267,10 +267,9 @@ def calibrate_task(
     if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         fit = fit_model(task, fit.model)
-    if fit is not None and fit.exceeds_noise:
-        fit = escape(task, fit)
     if fit is None:
         raise _not_simulated(dynamics)
+    fit = escape(task, fit) if fit.exceeds_noise else fit
     increase = fit.validation_chi2 - nominal.validation_chi2
     is_refused = (
         bool(task.validate.records)

@@ -1,7 +1,7 @@
 """The bench: command files within an axis' limits, effect signatures, and which distinguish two effects."""
 
 from flexdesign.diagnosis.experiment_design.commands import Command
-from flexdesign.diagnosis.experiment_design.discrimination import Resolved, resolve_effects
+from flexdesign.diagnosis.experiment_design.discrimination import Proposal, Resolved, proposals, resolve_effects
 from flexdesign.diagnosis.experiment_design.effect_strength import (
     EffectAtStrength,
     Signature,
@@ -16,6 +16,7 @@ __all__ = [
     "Command",
     "EffectAtStrength",
     "Limits",
+    "Proposal",
     "Resolved",
     "Signature",
     "StatedLimits",
@@ -24,6 +25,7 @@ __all__ = [
     "of_axis",
     "on",
     "other_excitations",
+    "proposals",
     "reading",
     "resolve_effects",
     "signature_of",

@@ -1,9 +1,12 @@
-"""Which experiments distinguish two effects: simulated with either, at strengths that agree on a multisine."""
+"""Which experiments distinguish two effects: simulated with either, at strengths that agree on a multisine.
+
+Those that would distinguish confounded effects of a diagnosis are chosen from the menu of the bench.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +26,10 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
     rms,
     signature_of,
 )
-from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
+from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, other_excitations, suite_of
+from flexdesign.diagnosis.experiment_design.limits import StatedLimits, dynamics, of_axis
+from flexdesign.diagnosis.preparation.initial_conditions import modes
+from flexdesign.diagnosis.result import Diagnosis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
 #: A difference of this multiple of the sensor's noise, rms, is clear in one run.
@@ -38,6 +44,9 @@ DAMPING_CORRECTIONS = 3
 EXPERIMENTS_PROPOSED = 3
 #: Without a stated noise of the sensor, this share of the stroke is assumed.
 ASSUMED_NOISE = 1e-4
+#: Samples in a period of the highest mode where experiments are simulated: their tones end at three times its
+#: frequency, well below Nyquist's; a controller may sample a slow stage a thousand times as fast.
+SAMPLES_PER_PERIOD = 10
 
 
 @dataclass(frozen=True)
@@ -244,3 +253,53 @@ def _separation(command: Command, first: AxisDynamics, second: AxisDynamics, noi
     other = _refit(second, command, one)
     difference = rms((one - other)[steady(command)])
     return Separation(command, one, other, difference, difference / noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A group of confounded effects, and the experiments that would distinguish them.
+
+    Parameters
+    ----------
+    group
+        Names of the effects, the one that was added first.
+    resolved
+        The first with each of the others, and every experiment of the menu, by how far it distinguishes the two.
+    reason
+        Why some could not be simulated; empty if all could.
+    """
+
+    group: tuple[str, ...]
+    resolved: tuple[Resolved, ...]
+    reason: str = ""
+
+
+def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None) -> tuple[Proposal, ...]:
+    """Return for every group of confounded effects the experiments that would distinguish them.
+
+    The menu is that of this package: what the command can do within the limits of the axis, a known added
+    mass, a static push, another axis, warmth. Each is simulated with either effect, on the model with all else that was
+    found, and its difference counted in the noise of the runs.
+    """
+    return tuple(_proposal(found, group, progress) for group in found.confusable)
+
+
+def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Proposal:
+    resolved = list[Resolved]()
+    try:
+        limits = of_axis(found.model, found.axis, StatedLimits(rate=_rate(found)))
+        model = dynamics(found.model, found.axis, limits)
+        menu = [*suite_of(model, limits), *other_excitations(model, limits)]
+        for other in group[1:]:
+            progress(f"simulating what distinguishes {group[0]} from {other}")
+            resolved.append(resolve_effects(model, (group[0], other), menu, found.noise_floor))
+    except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
+        return Proposal(group, tuple(resolved), error.remedy)
+    return Proposal(group, tuple(resolved))
+
+
+def _rate(found: Diagnosis) -> float:
+    """Return the sampling rate of simulated experiments, a whole fraction of the controller's [Hz]."""
+    highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
+    rate = found.model.controller.rate
+    return rate / max(math.floor(rate / (SAMPLES_PER_PERIOD * highest)), 1)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from flexdesign import effects
-from flexdesign.diagnosis.confronted import Confronted
+from flexdesign.diagnosis.confrontation import Confronted
 from flexdesign.diagnosis.result import Value
 from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import comparison_report, diagnosis_result

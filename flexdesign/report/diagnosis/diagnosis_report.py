@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
-from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.experiment_design import Resolved
+from flexdesign.diagnosis.experiment_design.discrimination import Proposal
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor

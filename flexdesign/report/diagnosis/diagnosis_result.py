@@ -12,7 +12,7 @@ from flexdesign import effects
 from flexdesign.core import versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value
-from flexdesign.diagnosis.discriminating_experiments import Proposal
+from flexdesign.diagnosis.experiment_design.discrimination import Proposal
 from flexdesign.diagnosis.result import ModelResiduals, Which, compare_model
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
-from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.experiment_design import Resolved
+from flexdesign.diagnosis.experiment_design.discrimination import Proposal
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
