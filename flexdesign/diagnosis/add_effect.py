@@ -122,8 +122,7 @@ def add(
         @cache
         def alone(fit: FittedModel) -> tuple[Candidate]:
             lines, peaks = line_frequencies(data, fit), mode_frequencies(data, fit)
-            number = fields.AXIS_FIELDS.get(name)
-            return (candidates.candidate_of(dynamics, effects.find(name), name, number, lines, peaks),)
+            return (candidates.candidate_of(dynamics, name, lines, peaks),)
 
         task, gone = procedure.search(data, task, dynamics, alone)
         (candidate,) = alone(gone.calibration)

@@ -236,11 +236,9 @@ class _Search:
             self.progress(f"{name} is held at its {which} value; fitting the others again")
             found = self._accurate_fit(others) if others else None
             rms = (
-                [m.rms for m in found.matches]
-                if found
-                else [compare_run(self.dynamics, run, 1.0).rms for run in self.runs]
+                [m.rms for m in found.matches] if found else [compare_run(self.dynamics, r, 1.0).rms for r in self.runs]
             )
-            if all(r <= WORSE * m.rms for r, m in zip(rms, best.matches, strict=True)):
+            if all(now <= WORSE * m.rms for now, m in zip(rms, best.matches, strict=True)):
                 break
         return found
 

@@ -264,11 +264,8 @@ def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
     for step in steps:
         for trial in step.trials:
             present = trial.fit.names[: len(trial.fit.names) - len(trial.names)]
-            outcome = (
-                "added"
-                if step.chosen and trial.names == step.chosen.names
-                else trial.reason or _not_chosen(step, trial)
-            )
+            is_added = step.chosen is not None and trial.names == step.chosen.names
+            outcome = "added" if is_added else trial.reason or _not_chosen(step, trial)
             evidence = trial.gain / trial.critical_gain if trial.critical_gain else 0.0
             found.append(CandidateRecord(trial.names, present, trial.error, trial.share, evidence, outcome))
     return tuple(found)

@@ -80,7 +80,7 @@ def candidates(
         Lowest and highest frequency [Hz] of frequency responses, where there are no runs in time: these show small
         sines and nothing else. Modes are then tried all over the band.
     """
-    made = []
+    made, present = [], {p.name: p.start for p in model.parameters()}
     left_out = (
         *(name for name in NAMED_BY_CALIBRATION if not (loaded and name == SHOWN_BY_MASS)),
         *NOISE_EFFECTS,
@@ -88,20 +88,18 @@ def candidates(
     )
     several = [each for name in effects.names() for each in effects.again(name)]
     for name in (*effects.names(), *several, *more):
-        if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effects.find(name))):
+        effect = effects.find(name)
+        if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effect)):
             continue
         # Elsewhere than behind the stack no recording distinguishes it from a delay of the command.
         if name == "sensor_delay" and not at_stack:
             continue
-        if band is not None and not spectrum.shows(effects.find(name)):
-            continue
         number = fields.AXIS_FIELDS.get(name)
-        present = {p.name: p.start for p in model.parameters()}
         if number is not None and present[number] not in (0.0, math.inf):
             continue
-        if not _shows_frequency(model, effects.find(name), name):
+        if (band is not None and not spectrum.shows(effect)) or not _shows_frequency(model, effect, name):
             continue
-        candidate = candidate_of(model, effects.find(name), name, number, lines, peaks, band)
+        candidate = candidate_of(model, name, lines, peaks, band)
         after = _before(name)
         made.append(candidate if after in model.axis.effects else replace(candidate, after=after))
     return tuple(made)
@@ -126,9 +124,7 @@ def _before(name: str) -> str:
 
 def candidate_of(
     model: AxisDynamics,
-    effect: Effect,
     name: str,
-    number: str | None,
     lines: Sequence[float],
     peaks: Sequence[float] = (),
     band: tuple[float, float] | None = None,
@@ -139,13 +135,12 @@ def candidate_of(
     ----------
     model
         The axis, without the effect.
-    effect, name
-        The effect, and the name under which `flexdesign.effects.find` has it.
-    number
-        The parameter of driver, sensor or controller that represents it, if any.
+    name
+        The name under which `flexdesign.effects.find` has it.
     lines, peaks, band
         See `candidates`.
     """
+    effect, number = effects.find(name), fields.AXIS_FIELDS.get(name)  # of driver, sensor or controller, if any
     with_it = {p.name: p for p in model.with_effect(effect, name).parameters()}
     if number is not None:
         own = [_with_screen(with_it[number], effect.parameters[0], model)]
@@ -186,11 +181,9 @@ def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[fl
     """
     if parameter.si == "Hz":
         return tuple(np.geomspace(*band, FREQUENCIES_IN_BAND).tolist())
-    return (
-        tuple(cycles / band[1] for cycles in DELAYS_IN_CYCLES)
-        if parameter.name in (DELAY, SENSOR_DELAY)
-        else parameter.screen
-    )
+    if parameter.name in (DELAY, SENSOR_DELAY):
+        return tuple(cycles / band[1] for cycles in DELAYS_IN_CYCLES)
+    return parameter.screen
 
 
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:

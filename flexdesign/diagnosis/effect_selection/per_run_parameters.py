@@ -66,9 +66,9 @@ def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
         common = parameter_of(fit.model, effect.strength).start or 0.0
-        score = _score(fit, fit.solution.columns()[effect.strength], runs, common)
-        if score.predicted_gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
-            made = _fit(task, fit, fit.model, fit.effects, effect.strength, score)
+        gain, values = _score(fit, fit.solution.columns()[effect.strength], runs, common)
+        if gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
+            made = _fit(task, fit, fit.model, fit.effects, effect.strength, values)
             if made is not None and _is_needed(task, fit, made, effect.strength, level):
                 fit = made
     return fit
@@ -110,35 +110,23 @@ def _varying(fit: FittedModel) -> list[Candidate]:
 def _adds(candidate: Candidate) -> bool:
     """Tell whether a candidate only adds to the reading, in proportion to its strength and the same way in each run."""
     faces = effects.find(candidate.name).faces
-    return (
-        bool(faces) and all(isinstance(face, Disturbance) for face in faces) and candidate.free == (candidate.strength,)
-    )
+    only_adds = bool(faces) and all(isinstance(face, Disturbance) for face in faces)
+    return only_adds and candidate.free == (candidate.strength,)
 
 
 def _runs(task: EstimationTask, fit: FittedModel) -> list[str]:
     """Return the fitted runs, which may have numbers of their own; none where there are too few, or none to judge."""
     apart = cast(AxisDynamics, fit.model).apart
-    seen, validation_runs = (
-        [name for name in dataset.names if name in apart] for dataset in (task.identify, task.validate)
-    )
-    return seen if len(seen) > 1 and validation_runs else []
+    seen, judging = ([name for name in data.names if name in apart] for data in (task.identify, task.validate))
+    return seen if len(seen) > 1 and judging else []
 
 
-@dataclass(frozen=True, eq=False)
-class _Score:
-    """By how much chi^2 would fall if each run had a value of its own (Rao 1948), and these values."""
+def _score(
+    fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str], common: float
+) -> tuple[float, dict[str, float]]:
+    """Return by how much chi^2 would fall if each run had a value of its own (Rao 1948), and these values.
 
-    predicted_gain: float
-    values: Mapping[str, float]
-
-
-def _score(fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str], common: float) -> _Score:
-    """Return the score of deviations from a common value.
-
-    Parameters
-    ----------
-    columns
-        Derivative of the residual of each record by the number; that by a run's deviation is the same in that run.
+    A column is the derivative of a record's residual by the number; that by a run's deviation is the same in that run.
     """
     solution, size = fit.solution, len(runs)
     changes, own, gradient = np.zeros((size, len(solution.x))), np.zeros(size), np.zeros(size)
@@ -151,7 +139,7 @@ def _score(fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str
     curvature = np.diag(own) - changes @ solution.covariance @ changes.T
     # The mean is among the numbers that are fitted already; rounding of it would pass for a deviation.
     deviations = -np.linalg.pinv(curvature, rcond=1e-8, hermitian=True) @ gradient
-    return _Score(-float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True)))
+    return -float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True))
 
 
 def _with(
@@ -166,23 +154,28 @@ def _with(
     except InputError:  # it needs a column that was not recorded
         return None
     changes = [dataset.whitened(record, change) for record, change in pairs]
-    score = _score(fit, [-move / values[candidate.strength] for move in changes], runs, 0.0)
-    if score.predicted_gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
+    gain, own = _score(fit, [-move / values[candidate.strength] for move in changes], runs, 0.0)
+    if gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
         return None
-    made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, score)
+    made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, own)
     return made if made is not None and _is_needed(task, fit, made, candidate.strength, level) else None
 
 
 def _fit(
-    task: EstimationTask, fit: FittedModel, model: Model, together: tuple[Candidate, ...], name: str, score: _Score
+    task: EstimationTask,
+    fit: FittedModel,
+    model: Model,
+    together: tuple[Candidate, ...],
+    name: str,
+    own: Mapping[str, float],
 ) -> FittedModel | None:
     """Return the fit in which a number differs from run to run, by about its own size: a weak prior."""
     task.progress(f"asking whether {name} differs from run to run")
-    values = np.array(list(score.values.values()))
+    values = np.array(list(own.values()))
     mean, size = float(values.mean()), float(np.sqrt(np.mean(values**2)))
     model = cast(AxisDynamics, model)
     low, high = parameter_of(model, name).plausible
-    start = {f"{run}:{name}": value - mean for run, value in score.values.items()}
+    start = {f"{run}:{name}": value - mean for run, value in own.items()}
     varied = replace(model.replace({name: min(max(mean, low), high)}), by_run={**model.by_run, name: size})
     return fit_model(task, varied.replace(start), together)
 
@@ -301,13 +294,12 @@ def with_runs(named: IdentifiedEffect, by_run: Mapping[str, ByRun]) -> Identifie
 
 def of_further_run(named: IdentifiedEffect) -> tuple[Value, ...]:
     """Return an effect's numbers with the intervals that a further run's are in: about a mean those of the runs."""
-    spread = (
-        HALF_WIDTH * float(np.std([value.value for value in named.by_run.values()], ddof=1)) if named.by_run else 0.0
-    )
-    varying = {value.parameter.name for value in named.by_run.values()}
+    if not named.by_run:
+        return named.values
+    spread = HALF_WIDTH * float(np.std([each.value for each in named.by_run.values()], ddof=1))
+    varying = {each.parameter.name for each in named.by_run.values()}
+    wider = {each.parameter.name: (each.value - spread, each.value + spread) for each in named.values}
     return tuple(
-        replace(value, interval=(value.value - spread, value.value + spread))
-        if value.parameter.name in varying
-        else value
-        for value in named.values
+        replace(each, interval=wider[each.parameter.name]) if each.parameter.name in varying else each
+        for each in named.values
     )

@@ -110,11 +110,9 @@ class EffectAtStrength:
             here, there = there, min(max(there + towards, low), high)
             if here == there:  # the end of the range
                 return sign * math.exp(there)
-        return (
-            sign * math.exp(brentq(excess, here, there, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
-            if here != there
-            else self.start
-        )
+        if here == there:
+            return self.start
+        return sign * math.exp(brentq(excess, here, there, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
 
     def _magnitudes(self) -> tuple[float, float]:
         """Return the logarithms between which the strength may lie; at most nine decades."""

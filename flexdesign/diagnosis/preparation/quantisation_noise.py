@@ -82,9 +82,8 @@ def errors(
             beneath = min(noise.process(name).rms, HIDDEN_NOISE * step)
             # Where the grid lies beneath an unknown offset is drawn, too.
             disturbed = run.measured() - residuals[name] + rng.uniform(0, step)
-            found[name] = (
-                step * np.round((disturbed + beneath * rng.standard_normal(len(disturbed))) / step) - disturbed
-            )
+            noisy = disturbed + beneath * rng.standard_normal(len(disturbed))
+            found[name] = step * np.round(noisy / step) - disturbed
         yield found
 
 

@@ -191,13 +191,12 @@ class Dataset:
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
         # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
         lengths = np.linalg.norm(stacked, axis=0)
-        unit = stacked / np.where(lengths > 0, lengths, 1.0)
+        lengths = np.where(lengths > 0, lengths, 1.0)
+        unit = stacked / lengths
         left, singular, right = np.linalg.svd(unit, full_matrices=False)
         significant = singular > NULL_SPACE_TOLERANCE * singular.max(initial=0.0)
         basis = left[:, significant]
-        amounts = (
-            (right[significant].T / singular[significant]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
-        )
+        amounts = (right[significant].T / singular[significant]) @ basis.T / lengths[:, None]
         return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
 
     def _whiten(self, observation: Observation, present: Flags, columns: Array) -> Array:
