@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import experiment_design
-from flexdesign.diagnosis.experiment_design import planning
 from flexdesign.diagnosis.experiment_design.effect_strength import inertia
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, OVERTRAVEL, PERIODS_KEPT
 from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, MARGIN
+from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, ControllerTiming, Driver, StageModel
@@ -200,11 +200,12 @@ def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
     model = stage()
     limits, commands = planned(model)
     chosen = [commands[name] for name in ("quiet", "multisine_small_a", "staircase", "added_mass", "random_levels")]
-    planning.write(tmp_path / "runs", chosen, "x", model.axes["x"], limits, "a bench", 20e-9)
-    for file, command in planning.names(chosen).items():
+    plan = Plan("a bench", "x", model.axes["x"], chosen, limits, None, 20e-9)
+    plan.write(tmp_path / "runs")
+    for file, command in plan.files.items():
         write_run(tmp_path / "runs" / file, command.time, {"u [V]": command.samples, "x [um]": GAIN * command.samples})
     read = read_runs([tmp_path / "runs"])
-    assert [run.name for run in read] == [file.removesuffix(".csv") for file in planning.names(chosen)]
+    assert [run.name for run in read] == [file.removesuffix(".csv") for file in plan.files]
     for run, command in zip(read, chosen, strict=True):
         assert (run.role, run.between_samples) == (command.role, "hold")
         assert np.array_equal(run.command(), command.samples)
@@ -214,13 +215,13 @@ def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
 def test_command_files_are_refused_where_a_file_is_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("not a folder")
     with pytest.raises(InputError, match="cannot be written"):
-        planning.write(tmp_path / "runs", [], "x", None, None, "a bench")  # type: ignore[arg-type]
+        Plan("a bench", "x", None, [], None, None, None).write(tmp_path / "runs")  # type: ignore[arg-type]
 
 
 def test_the_command_files_alone_say_what_is_missing(tmp_path: Path) -> None:
     model = stage()
     limits, commands = planned(model)
-    planning.write(tmp_path, [commands["quiet"]], "x", model.axes["x"], limits, "a bench")
+    Plan("a bench", "x", model.axes["x"], [commands["quiet"]], limits, None, None).write(tmp_path)
     with pytest.raises(InputError, match="no response"):
         read_runs([tmp_path])
 
@@ -229,8 +230,8 @@ def test_the_added_mass_is_suggested_from_the_model_s() -> None:
     heavy = stage(mass=0.05, stiffness=0.05 * (2 * math.pi * FREQUENCY) ** 2)
     for model, words in ((heavy, '"5.0 g"'), (stage(), "# conditions")):
         limits, commands = planned(model)
-        text = planning.description({"a.csv": commands["added_mass"]}, "x", model.axes["x"], limits, "", None)
-        assert words in text
+        plan = Plan("", "x", model.axes["x"], [commands["added_mass"]], limits, None, None)
+        assert words in plan.description()
     assert "lowers the resonance by about 5 %" in planned(stage())[1]["added_mass"].note
     assert math.sqrt(1 / (1 + ADDED_MASS)) == pytest.approx(0.953, abs=1e-3)
 

@@ -92,12 +92,51 @@ class Plan:
 
     @property
     def files(self) -> Mapping[str, Command]:
-        """The commands by the names of their files."""
-        return names(self.commands)
+        """The commands by the names of their files, numbered in the order in which to run them."""
+        return {f"{number:02d}_{command.name}.csv": command for number, command in enumerate(self.commands, start=1)}
 
     def write(self, folder: Path) -> list[Path]:
-        """Write the command files and measurements.toml; return their paths."""
-        return write(folder, self.commands, self.axis, self.model, self.limits, self.title, self.noise)
+        """Write the command files and measurements.toml into a folder, which is made if needed; return their paths.
+
+        Every file has the columns ``t [s]`` and ``u [V]``; a recorded response is added as a third, and the folder
+        is ready for `flexdesign.measurements.recordings.read_runs`.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with written_whole(folder) as scratch:
+                for name, command in self.files.items():
+                    columns = {"t [s]": command.time, "u [V]": command.samples}
+                    unit_tables.write(scratch / name, columns, _comment(command, self.axis, self.limits))
+                (scratch / DESCRIPTION).write_text(self.description(), encoding="utf-8")
+        except OSError as error:
+            raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
+        return [folder / DESCRIPTION, *(folder / name for name in self.files)]
+
+    def description(self) -> str:
+        """Return measurements.toml: roles, kinds and conditions filled in, the bench left to the user."""
+        lines = [
+            "# Record the response to each command and add it to its file as a third column; "
+            "then correct what differs.",
+            f"format = {FORMAT}",
+            f"title = {quote(self.title)}",
+            f'axis = "{self.axis}"',
+            with_comment('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
+            f'limits = ["{self.limits.low:g} V", "{self.limits.high:g} V"]',
+            with_comment('between_samples = "hold"', "what the command does between its samples", _COLUMN),
+            "closed_loop = false",
+            "",
+            f"[sensors.{self.axis}]",
+            *_sensor(self.axis, self.model, self.noise),
+        ]
+        for file, command in self.files.items():
+            lines += ["", "[[run]]", f'file = "{file}"', f'kind = "{command.kind}"', f'role = "{command.role}"']
+            lines += _conditions(command, self.model)
+        return "\n".join(lines) + "\n"
 
 
 def plan_experiments(model: StageModel, request: Request, progress: Callable[[str], None] = lambda _: None) -> Plan:
@@ -149,51 +188,6 @@ def _number(option: str, text: str, si: str) -> float:
     return value
 
 
-def names(commands: Sequence[Command]) -> dict[str, Command]:
-    """Return the commands by the names of their files, numbered in the order in which to run them."""
-    return {f"{number:02d}_{command.name}.csv": command for number, command in enumerate(commands, start=1)}
-
-
-def write(folder: Path, commands: Sequence[Command], axis: str, model: AxisModel, limits: Limits, title: str,
-          noise: float | None = None) -> list[Path]:  # fmt: skip
-    """Write command files and their description.
-
-    Every file has the columns ``t [s]`` and ``u [V]``; a recorded response is added as a third, and the folder
-    is ready for `flexdesign.measurements.recordings.read_runs`.
-
-    Parameters
-    ----------
-    folder
-        Where to; it is made if it is not there.
-    commands
-        What to send, in order; those that need more than a command are none.
-    axis, model
-        The axis and its numbers.
-    limits
-        What the commands keep to.
-    title
-        What is measured.
-    noise
-        Of the sensor, rms [response]; None if unknown.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be written.
-    """
-    named = names(commands)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with written_whole(folder) as scratch:
-            for name, command in named.items():
-                columns = {"t [s]": command.time, "u [V]": command.samples}
-                unit_tables.write(scratch / name, columns, _comment(command, axis, limits))
-            (scratch / DESCRIPTION).write_text(description(named, axis, model, limits, title, noise), encoding="utf-8")
-    except OSError as error:
-        raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
-    return [folder / DESCRIPTION, *(folder / name for name in named)]
-
-
 def _comment(command: Command, axis: str, limits: Limits) -> str:
     held = f"Held between samples at {limits.rate:g} Hz."
     lines = [f"{command.name}, axis {axis}: {command.purpose}.", held]
@@ -201,29 +195,6 @@ def _comment(command: Command, axis: str, limits: Limits) -> str:
         lines.append(f"Before: {command.note}.")
     lines.append(f"Record the response as a third column, such as {axis} [um].")
     return "\n".join(lines)
-
-
-def description(
-    named: Mapping[str, Command], axis: str, model: AxisModel, limits: Limits, title: str, noise: float | None
-) -> str:
-    """Return measurements.toml for command files: roles, kinds and conditions filled in, the bench left to the user."""
-    lines = [
-        "# Record the response to each command and add it to its file as a third column; then correct what differs.",
-        f"format = {FORMAT}",
-        f"title = {quote(title)}",
-        f'axis = "{axis}"',
-        with_comment('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
-        f'limits = ["{limits.low:g} V", "{limits.high:g} V"]',
-        with_comment('between_samples = "hold"', "what the command does between its samples", _COLUMN),
-        "closed_loop = false",
-        "",
-        f"[sensors.{axis}]",
-        *_sensor(axis, model, noise),
-    ]
-    for file, command in named.items():
-        lines += ["", "[[run]]", f'file = "{file}"', f'kind = "{command.kind}"', f'role = "{command.role}"']
-        lines += _conditions(command, model)
-    return "\n".join(lines) + "\n"
 
 
 def _sensor(axis: str, model: AxisModel, noise: float | None) -> list[str]:
