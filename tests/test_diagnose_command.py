@@ -401,8 +401,12 @@ def test_why_an_effect_is_not_added_is_a_sentence(reason: str, said: str) -> Non
     assert any(sentence.startswith(said) for sentence in text)
 
 
+def looped(found: add_effect.AddedEffect) -> add_effect.InTheLoop:
+    return add_effect.in_the_loop((found.name,), found.axis, found.without, found.model)
+
+
 def test_the_loop_is_simulated_without_and_with_the_effect() -> None:
-    loop = add_effect.in_the_loop(added())
+    loop = looped(added())
     assert loop.simulation is not None
     variants = {case.variant for case in loop.simulation.cases}
     assert variants == {"as modelled", "with stress stiffening"}
@@ -417,7 +421,7 @@ def test_the_loop_is_simulated_without_and_with_the_effect() -> None:
 
 def test_what_has_no_cause_in_experiments_is_not_simulated() -> None:
     for name, needs in (("thermal_expansion", "a record of T"), ("abbe_error", "another axis that moves")):
-        loop = add_effect.in_the_loop(replace(added(), name=name))
+        loop = looped(replace(added(), name=name))
         assert loop.simulation is None
         assert needs in loop.reason
 
@@ -427,7 +431,7 @@ def test_what_a_sensor_picks_up_moves_a_closed_loop() -> None:
     hum, quiet = {"mains_hum": {"amplitude": 1e-6, "frequency": 2.0, "phase": 0.0}}, added().without
     axis = quiet.axes["x"]
     humming = replace(quiet, axes={"x": replace(axis, effects={**axis.effects, **hum})})
-    loop = add_effect.in_the_loop(replace(added(), name="mains_hum", model=humming))
+    loop = looped(replace(added(), name="mains_hum", model=humming))
     assert loop.simulation is not None
     steps = {
         case.variant: case.response.motion[0]

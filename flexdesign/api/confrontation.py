@@ -194,7 +194,7 @@ class Confrontation:
             Receives the progress; what it raises ends the simulation.
         """
         without, found = self.fit(progress=progress), self.fit(effects, progress=progress)
-        loop = additions.loop_with(effects, found.axis, without.model, found.model, progress)
+        loop = additions.in_the_loop(effects, found.axis, without.model, found.model, progress)
         section = addition_report.loop_section(found.before, found.axis, loop)
         title = f"{found.before.title or found.before.name}: closed loop without and with the effects"
         table = addition_report.loop_table(loop.simulation, found.axis) if loop.simulation else None

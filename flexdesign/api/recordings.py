@@ -366,7 +366,7 @@ def add_effect(
     stage, runs = read_model(_stage(model), changes), read_recordings(recordings)
     stated = additions.size(stage, runs, axis, "--noise", noise)
     found = additions.add(stage, name, runs, axis=axis, noise=stated, progress=progress)
-    loop = additions.in_the_loop(found, progress)
+    loop = additions.in_the_loop((name,), found.axis, found.without, found.model, progress)
     return Result(
         found,
         addition_report.document(found, loop),

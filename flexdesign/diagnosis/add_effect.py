@@ -271,12 +271,7 @@ class InTheLoop:
     reason: str = ""
 
 
-def in_the_loop(found: AddedEffect, progress: Callable[[str], None] = lambda _: None) -> InTheLoop:
-    """Simulate a closed loop on the stage without the effect that was added and with it; see `loop_with`."""
-    return loop_with((found.name,), found.axis, found.without, found.model, progress)
-
-
-def loop_with(
+def in_the_loop(
     names: Sequence[str],
     axis: str,
     without: StageModel,
@@ -295,7 +290,7 @@ def loop_with(
     bare, with_it = (
         replace(each, axes={axis: each.axes[axis]}, coupling=type(each.coupling)()) for each in (without, model)
     )
-    called = " and ".join(variant(name).removeprefix("with ") for name in names)
+    called = " and ".join(effects.find(name).name.replace("_", " ") for name in names)
     try:
         plan = standard_experiments.plan(bare)
         wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, f"with {called}")}
@@ -304,12 +299,3 @@ def loop_with(
         return InTheLoop(simulation.run(bare, variants, replace(plan, experiments=tuple(chosen)), progress))
     except InputError as error:
         return InTheLoop(None, error.remedy)
-
-
-def variant(name: str) -> str:
-    """Return what the stage with an effect is called.
-
-    >>> variant("mains_hum")
-    'with mains hum'
-    """
-    return f"with {effects.find(name).name.replace('_', ' ')}"
