@@ -52,10 +52,6 @@ class AddedEffect(ModelResiduals):
         The stage model with its own numbers fitted.
     values, calibration
         The effect's parameters, and the model's own with it.
-    error_ladder
-        As designed, recalibrated, with the effect: errors on the validation runs [response].
-    noise_floor
-        Rms noise over the runs that judge [response].
     share
         Of what recalibration leaves unexplained there (in squares, above the noise): how much the effect explains.
     reason
@@ -70,8 +66,6 @@ class AddedEffect(ModelResiduals):
     without: StageModel
     values: tuple[Value, ...]
     calibration: tuple[Value, ...]
-    error_ladder: tuple[ErrorStep, ...]
-    noise_floor: float
     share: float
     reason: str
     seconds: float

@@ -66,10 +66,6 @@ class Confronted(ModelResiduals):
     ----------
     effects
         Names of the effects that were added.
-    error_ladder
-        Errors on the runs that judge, from the model as designed to this one [response].
-    noise_floor
-        Rms noise of these runs [response].
     settings
         The numbers that were fitted.
     reason
@@ -79,8 +75,6 @@ class Confronted(ModelResiduals):
     """
 
     effects: tuple[str, ...]
-    error_ladder: tuple[ErrorStep, ...]
-    noise_floor: float
     settings: tuple[AdjustableParameter, ...]
     reason: str
     is_rough: bool = False

@@ -22,6 +22,14 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 Which = Literal["calibrated", "found"]
 
 
+@dataclass(frozen=True)
+class ErrorStep:
+    """One step of the error ladder: a label, and the rms error on the validation runs [response]."""
+
+    label: str
+    error: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelResiduals:
     """A model compared with the runs: what a diagnosis, an addition and a confrontation have in common.
@@ -39,6 +47,8 @@ class ModelResiduals:
     residuals_by_run
         The residual of each run by name, what its start explains taken out: ``calibrated`` without further effects, and
         ``found`` [response].
+    error_ladder, noise_floor
+        Errors on the runs that judge, from the model as designed to this one; and the rms noise of these [response].
     """
 
     axis: str
@@ -49,6 +59,8 @@ class ModelResiduals:
     residuals_by_run: Mapping[str, Mapping[str, object]] = field(repr=False)
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
+    error_ladder: tuple[ErrorStep, ...] = ()
+    noise_floor: float = 0.0
 
 
 def compare_model(found: ModelResiduals, which: Which) -> Comparison:
@@ -171,14 +183,6 @@ class CandidateRecord:
     outcome: str
 
 
-@dataclass(frozen=True)
-class ErrorStep:
-    """One step of the error ladder: a label, and the rms error on the validation runs [response]."""
-
-    label: str
-    error: float
-
-
 @dataclass(frozen=True, eq=False)
 class SelectionHistory:
     """The course of a selection, from the design to the last effect.
@@ -241,14 +245,12 @@ class Diagnosis(ModelResiduals):
         explains of the mean square which calibration leaves unexplained.
     candidates
         Everything that was fitted.
-    error_ladder
-        Errors on the validation runs, from the model as designed to the last effect.
     calibration
         The model's own numbers after the fit.
     conflicts
         Numbers that had to move by more than three standard deviations of the prior, in words.
-    noise_floor, validation_error
-        Root mean squares over the validation runs [response].
+    validation_error
+        Rms residual of the validation runs [response].
     sparse_model
         What smooth functions would explain of the rest.
     remainder
@@ -270,10 +272,8 @@ class Diagnosis(ModelResiduals):
     confusable: tuple[tuple[str, ...], ...]
     possible_effects: Mapping[str, float]
     candidates: tuple[CandidateRecord, ...]
-    error_ladder: tuple[ErrorStep, ...]
     calibration: tuple[Value, ...]
     conflicts: tuple[str, ...]
-    noise_floor: float
     validation_error: float
     sparse_model: SparseModel
     remainder: str
