@@ -127,7 +127,7 @@ def add(
         named = with_runs(IdentifiedEffect(name, of_effect, 0.0), of_runs(task, final))
         own_values = tuple(values[number] for number in verdict.own_numbers(final))
     errors = [data.test_error(fit) for fit in error_ladder]
-    unexplained = max(errors[1] ** 2 - (data.noise_rms**2 if data.noise.known else 0.0), 1e-300)
+    unexplained = max(errors[1] ** 2 - data.known_test_noise_rms**2, 1e-300)
     numbers, remarks = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return AddedEffect(

@@ -278,8 +278,8 @@ class Diagnosis(ModelResiduals):
     sparse_model: SparseModel
     remainder: str
     confidence: str
-    evaluations: int
-    seconds: float
+    evaluations: int = 0
+    seconds: float = 0.0
     remainder_rms: float = 0.0
     stroke: float = 0.0
     tolerance: float = 0.0

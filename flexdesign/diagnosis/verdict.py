@@ -102,6 +102,7 @@ def reach_verdict(
     doubt = "" if is_noise else describe(data, remainder(data, history.final), left)
     if is_noise and not {*history.final.names} <= {*final.names}:
         is_noise, doubt = False, describe_unnamed(data, remainder(data, final), history.final)
+    unexplained = max(data.test_error(final) ** 2 - data.known_test_noise_rms**2, 0.0)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
     rungs = _error_steps(data, error_ladder)
     if alone is not None:  # shows what the initial conditions of the runs explain
@@ -120,7 +121,11 @@ def reach_verdict(
         model=model_of(model, data, final, values, implied_effects),
         effects=effects,
         confusable=groups,
-        possible_effects=_possible(data, history, final),
+        possible_effects={
+            name: _share(data, history.levels, name, data.selecting, data.known_noise_rms)
+            for name in history.final.names
+            if name not in final.names
+        },
         candidates=_candidate_records(history.steps),
         error_ladder=rungs,
         calibration=tuple(values[name] for name in own_numbers(final)),
@@ -130,24 +135,16 @@ def reach_verdict(
         validation_error=data.test_error(final),
         sparse_model=left,
         remainder=doubt,
-        remainder_rms=0.0 if is_noise else _unexplained_on_tests(data, final),
+        remainder_rms=0.0 if is_noise else math.sqrt(unexplained),
         stroke=data.stroke,
         tolerance=data.tolerance,
         undetermined=history.undetermined,
         residuals_by_run={"calibrated": calibration.residuals_by_run, "found": final.residuals_by_run},
         runs=data.runs,
         confidence=_confidence(data, history, nominal, calibration, final),
-        evaluations=0,
-        seconds=0.0,
         responses=data.responses,
         lines=data.lines,
     )
-
-
-def _possible(data: DiagnosisData, history: SelectionHistory, final: FittedModel) -> dict[str, float]:
-    """Return the added effects that are not named, with the shares that they explain of what the model is chosen by."""
-    names = [name for name in history.final.names if name not in final.names]
-    return {name: _share(data, history.levels, name, data.selecting, data.known_noise_rms) for name in names}
 
 
 def _confidence(
@@ -198,17 +195,13 @@ def _own_ends(fit: FittedModel) -> list[str]:
 
 
 def _limits(fit: FittedModel) -> list[str]:
-    """Return those that say that the structure of the model is wrong; the highest frequency says that no mode shows."""
-    where, quasistatic = fit.solution.problem.where, "natural_frequency"
-    ends = _own_ends(fit)
-    if quasistatic in ends and math.isclose(fit.solution.x[j := where.names.index(quasistatic)], where.upper[j]):
-        ends.remove(quasistatic)
-    return ends
+    """Return the model's own numbers at an end that says that its structure is wrong.
 
-
-def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
-    """Return the rms residual above the noise of what errors are stated of [response]."""
-    return math.sqrt(max(data.test_error(fit) ** 2 - (data.noise_rms if data.noise.known else 0.0) ** 2, 0.0))
+    The highest natural frequency says that the runs show no mode.
+    """
+    where, frequency = fit.solution.problem.where, "natural_frequency"
+    places = {name: where.names.index(name) for name in _own_ends(fit)}
+    return [name for name, j in places.items() if name != frequency or fit.solution.x[j] < where.start[j]]
 
 
 def _identified_effects(
@@ -216,7 +209,7 @@ def _identified_effects(
 ) -> IdentifiedEffect:
     final = error_ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(data, error_ladder, name, data.scored, data.noise_rms if data.noise.known else 0.0)]
+    shares = [_share(data, error_ladder, name, data.scored, data.known_test_noise_rms)]
     if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
         noise_floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
         shares.append(_share(data, error_ladder, name, scored, noise_floor))  # what runs do not show a response may

@@ -202,6 +202,11 @@ class DiagnosisData:
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
+    def known_test_noise_rms(self) -> float:
+        """Rms noise of what errors are stated of; zero where the noise is a guess [response]."""
+        return self.noise_rms if self.noise.known else 0.0
+
+    @property
     def line_size(self) -> float:
         """Size of the lines that the model is chosen by, each weighted by its noise as in `error` [response/V]."""
         judging = [each for each in self.responses if each.name in self.selecting]
