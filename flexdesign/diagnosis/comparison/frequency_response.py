@@ -146,21 +146,14 @@ def by_band(responses: Sequence[ResponseComparison]) -> Breakdown:
     low = min(float(each.frequencies[0]) for each in responses)
     high = max(float(each.frequencies[-1]) for each in responses)
     lines = max(len(each.frequencies) for each in responses)
-    edges = np.geomspace(low, high, min(max(lines // FEWEST_LINES, 1), MOST_BANDS) + 1).tolist()
-    excess, counts, squares = [], [], []
-    for first, last in pairwise(edges):
-        total, count, square = 0.0, 0, 0.0
-        for each in responses:
-            inside = (each.frequencies >= first) & ((each.frequencies < last) | (last == edges[-1])) & each.validation
-            square += float(np.sum(each.left[inside] ** 2))
-            total += float(np.sum(each.left[inside] ** 2 - each.noise[inside] ** 2))
-            count += int(inside.sum())
-        excess.append(max(total, 0.0))
-        counts.append(count)
-        squares.append(square)
-    whole, number = sum(excess) or 1.0, sum(counts)
+    edges = np.geomspace(low, high, min(max(lines // FEWEST_LINES, 1), MOST_BANDS) + 1)
+    judging = [(e.frequencies[e.validation], e.left[e.validation] ** 2, e.noise[e.validation] ** 2) for e in responses]
+    frequencies, squares, noise = map(np.concatenate, zip(*judging, strict=True))
+    places = np.clip(np.searchsorted(edges, frequencies, side="right") - 1, 0, len(edges) - 2)
+    counts, total, noise = (np.bincount(places, weights, len(edges) - 1) for weights in (None, squares, noise))
+    excess = np.maximum(total - noise, 0.0)
     parts = tuple(
-        Part("", first, last, e / whole, c / number, math.sqrt(s / c) if c else 0.0)
-        for (first, last), e, c, s in zip(pairwise(edges), excess, counts, squares, strict=True)
+        Part("", first, last, float(e / (excess.sum() or 1.0)), float(c / counts.sum()), math.sqrt(s / c) if c else 0.0)
+        for (first, last), e, c, s in zip(pairwise(edges.tolist()), excess, counts, total, strict=True)
     )
     return Breakdown("frequency", "Hz", parts)
