@@ -274,6 +274,9 @@ def _sharpest(response: FrequencyResponse) -> tuple[float, float] | None:
     return float(response.frequencies[top]), float(response.frequencies[right] - response.frequencies[left])
 
 
+# --- outliers --------------------------------------------------------------------------------------------------------
+
+
 def outliers(run: Run, response: str) -> Places:
     """Return the samples of a response that jump away from those around them and back, while no command jumps.
 

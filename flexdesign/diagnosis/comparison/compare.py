@@ -269,6 +269,9 @@ def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
     return tuple(remarks)
 
 
+# --- reversed signs --------------------------------------------------------------------------------------------------
+
+
 def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
     """Return the correlation of measured and predicted motion in all runs together, about the mean of each run.
 

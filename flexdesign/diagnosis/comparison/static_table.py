@@ -104,8 +104,15 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
     return table if tuple(rows) == table.rows else replace(table, rows=tuple(rows))
 
 
+# --- lost signs ------------------------------------------------------------------------------------------------------
+
+
 def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:
-    """Return a table with the signs that its model expects, and a remark for each that was turned."""
+    """Return a table with the signs that its model expects, and a remark for each that was turned.
+
+    A moment that is entered without its sign, or an axis that points the other way, looks like a wrong model. Each
+    column of loads is tried with its sign turned, in all rows and in those of one sign, and each measured quantity.
+    """
     remarks: list[str] = []
     while found := _best(model, table):
         turned, notes = found

@@ -213,6 +213,9 @@ def with_beginnings(task: EstimationTask, model: AxisDynamics, noise: Whitening 
     return replace(with_initial_conditions(task, model, noise), prepared=prepared)
 
 
+# --- calibration -----------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, eq=False)
 class CalibratedTask:
     """A task with the fit of the model's own numbers, to which effects are added.

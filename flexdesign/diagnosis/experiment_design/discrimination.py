@@ -255,6 +255,9 @@ def _separation(command: Command, first: AxisDynamics, second: AxisDynamics, noi
     return Separation(command, one, other, difference, difference / noise)
 
 
+# --- confounded effects of a diagnosis -------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """A group of confounded effects, and the experiments that would distinguish them.

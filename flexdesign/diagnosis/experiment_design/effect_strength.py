@@ -228,6 +228,9 @@ def fit_linear(values: Array, target: Array, *directions: Array) -> tuple[Array,
     return np.asarray(matrix @ factors + target.mean()), np.asarray(factors)
 
 
+# --- signatures ------------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class EffectResponse:
     """One experiment with and without an effect.

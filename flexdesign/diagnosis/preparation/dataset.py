@@ -305,8 +305,16 @@ def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return axis.prior([*LINEAR_PARAMETERS, *(HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in axis.effects else ())])
 
 
+# --- the first part of long runs -------------------------------------------------------------------------------------
+
+
 def truncate(data: DiagnosisData) -> DiagnosisData | None:
-    """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut."""
+    """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut.
+
+    What long runs show is mostly in their first part, where it is found sooner; the whole runs confirm or refuse it,
+    and are searched for the rest. Where the noise is unknown an effect is weighed by its share of the residual, which
+    is another in a part of the runs.
+    """
     lengths = sorted(len(run.time) for run in data.runs)
     if sum(lengths) < LONG_RUNS or not data.noise.known:
         return None

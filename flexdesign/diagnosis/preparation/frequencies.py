@@ -97,6 +97,9 @@ def _longest(name: str, remainder: np.ndarray) -> Stretch:
     return Stretch(name, first, remainder[first:last], np.linalg.qr(straight)[0])
 
 
+# --- spectra ---------------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, eq=False)
 class CrossSpectra:
     """Averaged spectra of a command and of a signal.

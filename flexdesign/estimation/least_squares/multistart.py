@@ -127,6 +127,9 @@ def _sample_starts(problem: Problem, starts: int) -> list[Array]:
     return [points[i] for i in chosen]
 
 
+# --- initial states of runs ------------------------------------------------------------------------------------------
+
+
 def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
     """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
 

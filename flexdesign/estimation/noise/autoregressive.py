@@ -203,6 +203,9 @@ def burg(records: Sequence[Array], highest_order: int) -> Array:
     return np.array(reflections[: int(np.argmin(scores))])
 
 
+# --- whitening -------------------------------------------------------------------------------------------------------
+
+
 class Whitening(Protocol):
     """What turns noise into independent numbers of variance one."""
 

@@ -151,6 +151,9 @@ class _Likelihood:
         return self.dof * float(np.log(squares / self.dof)) + determinants + prior
 
 
+# --- sinusoids -------------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class Sinusoid:
     """A sinusoid: frequency [Hz] and amplitude [SI], the root of the mean square over the runs that hold it."""

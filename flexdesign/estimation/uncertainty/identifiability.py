@@ -241,6 +241,9 @@ def _text(parameter: Parameter, number: float, sigma: float | None = None, digit
 Profiles = dict[int, Profile | None]
 
 
+# --- intervals -------------------------------------------------------------------------------------------------------
+
+
 def intervals(
     solution: Solution,
     names: Sequence[str],

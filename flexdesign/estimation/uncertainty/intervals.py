@@ -188,6 +188,9 @@ def _decompose(data: Array, prior: Array) -> tuple[Array, Array, Array]:
     return projection, inverse.T @ inverse, right[~good]
 
 
+# --- profile likelihood ----------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, eq=False)
 class Profile:
     """The interval of one coordinate after its ends were checked.
