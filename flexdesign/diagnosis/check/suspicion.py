@@ -280,6 +280,8 @@ def _sharpest(response: FrequencyResponse) -> tuple[float, float] | None:
 def outliers(run: Run, response: str) -> Places:
     """Return the samples of a response that jump away from those around them and back, while no command jumps.
 
+    Codes for overrange and lost bits do that.
+
     >>> t = np.arange(400) * 1e-3
     >>> x = np.sin(9 * t) + np.where(np.abs(t - 0.2) < 1.5e-3, 50, 0)
     >>> outliers(Run("a", t, {"u": t, "x": x}, {"u": "V", "x": "m"}), "x")

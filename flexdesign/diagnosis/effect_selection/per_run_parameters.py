@@ -256,11 +256,12 @@ def of_runs(task: EstimationTask, fit: FittedModel) -> dict[str, ByRun]:
 
 
 def _by_run(fit: FittedModel, solutions: Sequence[Solution], name: str) -> ByRun:
-    def own(solution: Solution) -> list[str]:
-        return [each for each in solution.problem.where.names if each.endswith(f":{name}")]
-
-    places = [(solution, each) for solution in solutions for each in own(solution)]
-    runs = {each.rpartition(":")[0]: _value(fit, solution, name, each) for solution, each in places}
+    runs = {
+        each.rpartition(":")[0]: _value(fit, solution, name, each)
+        for solution in solutions
+        for each in solution.problem.where.names
+        if each.endswith(f":{name}")
+    }
     mean, half = fit.mean_over_runs(name)
     return ByRun(Value(parameter_of(fit.model, name), mean, (mean - half, mean + half)), runs)
 

@@ -75,8 +75,7 @@ def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
     assert strength.parameter.null is not None  # that is what makes it the strength
     null = float(np.clip(strength.parameter.null, *strength.parameter.plausible))
     holds_null = low <= null <= high or any(math.isclose(null, end, rel_tol=1e-6) for end in (low, high))
-    by_run = any(p.run and p.name.endswith(f":{strength.name}") for p in fit.solution.problem.where.parameters)
-    return (by_run and not fit.exceeds_noise) or not holds_null
+    return (bool(fit.deviations(strength.name)) and not fit.exceeds_noise) or not holds_null
 
 
 def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:

@@ -144,7 +144,7 @@ def _held(
     shifted = np.clip(x + step * steps, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
     shared = {n: v for n, v in where.values(shifted).items() if ":" not in n}
     nudged = fit.model.replace(shared)
-    gained, sizes = 0.0, {True: (0.0, 0), False: (0.0, 0)}
+    gained, sizes = 0.0, {True: np.zeros(2), False: np.zeros(2)}  # squares and count, with and without weights
     for record in dataset.records:
         here = np.asarray(fit.model.predict(record.observation))
         made = list(features(record.observation, here).values())
@@ -154,8 +154,6 @@ def _held(
         if before is None or after is None:
             return 0.0, 0.0
         gained += float(before @ before - after @ after)
-        whole = record.basis.shape[0] - record.columns.shape[1]
         free = without_offset(record, added, task.weights)
-        squares, count = sizes[record.observation.name in task.weights]
-        sizes[record.observation.name in task.weights] = squares + float(free @ free), count + min(whole, len(free))
+        sizes[record.observation.name in task.weights] += float(free @ free), len(free)
     return gained, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)
