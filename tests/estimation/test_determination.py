@@ -98,11 +98,7 @@ def test_a_better_point_on_a_profile_replaces_the_fit(monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("exceeds_noise", [False, True])
 def test_what_differs_from_run_to_run_may_have_any_mean_where_the_residual_is_noise(exceeds_noise: bool) -> None:
-    deviation = parameter("2-run:d", 0.0, -1.0, 1.0, run="2-run")
-    where = SimpleNamespace(parameters=(strength("d"), deviation))
-    fit: Any = SimpleNamespace(
-        solution=SimpleNamespace(problem=SimpleNamespace(where=where)), exceeds_noise=exceeds_noise
-    )
+    fit: Any = SimpleNamespace(deviations=lambda name: [f"2-run:{name}"], exceeds_noise=exceeds_noise)
     of_mean = Estimate(strength("d"), 0.01, 0.1, (-0.2, 0.2), True)
     assert determination._excludes_null(fit, of_mean) is not exceeds_noise
 
@@ -113,8 +109,7 @@ def test_what_differs_from_run_to_run_may_have_any_mean_where_the_residual_is_no
 def test_a_limit_that_may_be_as_far_as_is_plausible_is_not_shown(interval: tuple[float, float], is_shown: bool) -> None:
     """A limit of infinity is none; the plausible range ends before."""
     limit = parameter("limit", None, 1.0, 1e6, scale="inverse", null=math.inf)
-    where = SimpleNamespace(parameters=(limit,))
-    fit: Any = SimpleNamespace(solution=SimpleNamespace(problem=SimpleNamespace(where=where)), exceeds_noise=False)
+    fit: Any = SimpleNamespace(deviations=lambda _: [], exceeds_noise=False)
     assert determination._excludes_null(fit, Estimate(limit, 1e4, 1e3, interval, True)) is is_shown
 
 
