@@ -199,9 +199,12 @@ def _limits(fit: FittedModel) -> list[str]:
 
     The highest natural frequency says that the runs show no mode.
     """
-    where, frequency = fit.solution.problem.where, "natural_frequency"
-    places = {name: where.names.index(name) for name in _own_ends(fit)}
-    return [name for name, j in places.items() if name != frequency or fit.solution.x[j] < where.start[j]]
+    where, ends = fit.solution.problem.where, _own_ends(fit)
+    if "natural_frequency" in ends:
+        j = where.names.index("natural_frequency")
+        if 2 * fit.solution.x[j] > where.lower[j] + where.upper[j]:
+            ends.remove("natural_frequency")
+    return ends
 
 
 def _identified_effects(

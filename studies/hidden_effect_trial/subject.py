@@ -44,7 +44,7 @@ def diagnose(folder: Path, answer: Answer) -> Diagnosed:
 
 def _test_error(found: Any, names: list[str]) -> float | None:
     """Return the error on the runs for testing [m]; None if the diagnosis predicts none of them."""
-    left = getattr(found, "remainders", {}).get("found", {})
+    left = found.residuals_by_run.get("found", {})
     tested = [np.asarray(left[name], dtype=float) for name in names if name in left]
     return float(np.sqrt(np.nanmean(np.concatenate(tested) ** 2))) if tested else None
 
