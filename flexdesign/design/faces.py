@@ -160,7 +160,9 @@ def _find_by_name(name: str, query: Query, faces: Sequence[SolidFace], where: tu
     known = [face.name for face in faces if face.name]
     if query.point is not None:
         nearest = min(faces, key=lambda face: _away(face, query))
-        candidates = f"; nearest to where it was is {nearest.label}, {nearest.place}: {how_to_name(nearest)}"
+        candidates = (
+            f"; nearest to where it was is {nearest.label}, {nearest.place}: {', '.join(how_to_name(nearest, faces))}"
+        )
     elif close := difflib.get_close_matches(name, known, n=1, cutoff=0.5):
         nearest = next(face for face in faces if face.name == close[0])
         candidates = f"; the nearest name is {nearest.name}, {nearest.place}"
@@ -246,12 +248,15 @@ def _nearest_plane(face: SolidFace, faces: Sequence[SolidFace]) -> str:
     return f"; the nearest plane face is {nearest.label}, {nearest.place}"
 
 
-def how_to_name(face: SolidFace) -> str:
-    """Return what a port's table says to mean a face: its name, or a point on it, which the middle of a ring is not."""
-    if face.name:
-        return f'face = "{face.name}"'
+def how_to_name(face: SolidFace, faces: Sequence[SolidFace]) -> list[str]:
+    """Return the keys of a port's table that mean a face: its name, if no other has it, or a point on it.
+
+    The middle of a ring is no point on it.
+    """
+    if face.name and sum(face.name == other.name for other in faces) == 1:
+        return [f'face = "{face.name}"']
     point = ", ".join(f'"{round(1e3 * x, 6) + 0.0:.6g} mm"' for x in _point_on(face))
-    return f"point = [{point}], normal = [{_numbers(face.normal)}]"
+    return [f"point = [{point}]", f"normal = [{_numbers(face.normal)}]"]
 
 
 def _point_on(face: SolidFace) -> Vector:

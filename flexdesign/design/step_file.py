@@ -7,11 +7,14 @@ of the file: the reader converts.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.design import step_solids
@@ -82,7 +85,7 @@ def read(path: Path, solids: tuple[str, ...] = ()) -> StepBody:
     return _read(path.resolve(), solids, stat.st_mtime_ns, stat.st_size)
 
 
-@lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=8)
 def _read(path: Path, solids: tuple[str, ...], _changed: int, _size: int) -> StepBody:
     labels, unit = _document(path)
     notes = [] if unit else ["The file states no unit of length; millimetres are assumed."]
@@ -269,15 +272,16 @@ def _colour(tool: Any, label: Any) -> str:
 def _by_index(faces: Sequence[Any], named: Sequence[tuple[Any, str]]) -> dict[int, str]:
     """Return the names of faces by their index; of healed or bonded ones by their centre and area."""
     found: dict[int, str] = {}
+    places = functools.cache(lambda: np.array([(*face.Center().toTuple(), face.Area()) for face in faces]))
     for face, text in named:
         same = [i for i, each in enumerate(faces) if each.isSame(face)]
-        same = same or [i for i, each in enumerate(faces) if _is_same_face(each, face)]
-        if same:
-            found[same[0]] = text
+        if same or len(same := _alike(face, places())):
+            found[int(same[0])] = text
     return found
 
 
-def _is_same_face(one: Any, other: Any) -> bool:
-    area = one.Area()
-    near = (one.Center() - other.Center()).Length < SAME_FACE * area**0.5
-    return bool(near and abs(other.Area() / area - 1) < SAME_FACE)
+def _alike(face: Any, places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the indices of the faces with centre and area of one, of `places` (n, 4), within `SAME_FACE`."""
+    area = face.Area()
+    away = np.linalg.norm(places[:, :3] - face.Center().toTuple(), axis=1)
+    return np.flatnonzero((away < SAME_FACE * area**0.5) & (np.abs(places[:, 3] / area - 1) < SAME_FACE))

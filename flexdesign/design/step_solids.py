@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError, shorten
 
@@ -141,7 +144,8 @@ def _fuse(named: Sequence[NamedSolid], chosen: Sequence[int], path: Path, *, is_
     solids = [named[k].solid for k in chosen]
     labels = [_label(named, k, LONGEST_NAME) for k in chosen]
     others = "" if is_chosen else f"; or take some of its solids (solids = [...], --solid): {listed(named)}"
-    for first, second in _pairs(len(solids)):
+    gaps = _gaps_of_boxes(solids)
+    for first, second in np.argwhere(np.triu(gaps <= 0, 1)):
         common = solids[first].intersect(solids[second])
         shared = sum(solid.Volume() for solid in common.Solids())
         if shared > OVERLAP * min(solids[first].Volume(), solids[second].Volume()):
@@ -153,17 +157,52 @@ def _fuse(named: Sequence[NamedSolid], chosen: Sequence[int], path: Path, *, is_
     fused = solids[0].fuse(*solids[1:])
     if len(fused.Solids()) == 1:
         return fused.Solids()[0]
-    gaps = [
-        (min(solid.distance(other) for j, other in enumerate(solids) if j != i), i) for i, solid in enumerate(solids)
-    ]
-    widest, lonely = max(gaps)
+    bodies = _of_each(fused.Solids(), solids)
+    widest, lonely = _widest_gap(bodies, solids, gaps)
     why = f"{labels[lonely]} is {widest:.3g} mm away from the others" if widest > 0 else "they meet in no face"
+    if len(bodies) < len(solids):
+        told = "; ".join(_ranges([chosen[k] + 1 for k in body]) for body in bodies[:MOST_NAMES])
+        more = f"; and {len(bodies) - MOST_NAMES} more" if len(bodies) > MOST_NAMES else ""
+        why = f"only some of them touch, and make {len(bodies)} bodies (solids {told}{more}); {why}"
     remedy = f"holds {len(solids)} solids that cannot be bonded: {why}; export one body, or let them touch in faces"
     raise InputError(path, "", None, f"{remedy}{others}")
 
 
-def _pairs(count: int) -> Iterator[tuple[int, int]]:
-    return ((i, j) for i in range(count) for j in range(i + 1, count))
+def _gaps_of_boxes(solids: Sequence[Any]) -> NDArray[np.float64]:
+    """Return how far the bounding boxes of solids are apart at least, shape (n, n) [mm]; solids are no nearer."""
+    boxes = [solid.BoundingBox() for solid in solids]
+    low, high = (np.array([[getattr(box, f"{x}{end}") for x in "xyz"] for box in boxes]) for end in ("min", "max"))
+    between = np.maximum(low[:, None] - high[None], low[None] - high[:, None])
+    return np.asarray(np.linalg.norm(np.maximum(between, 0.0), axis=2))
+
+
+def _of_each(bodies: Sequence[Any], solids: Sequence[Any]) -> list[list[int]]:
+    """Return which solids each of the bodies that they make up holds, the one of the largest volume first."""
+    gaps = _gaps_of_boxes([*bodies, *solids])[: len(bodies), len(bodies) :]
+    held = list[list[int]]([] for _ in bodies)
+    for k, solid in enumerate(solids):
+        near = np.flatnonzero(gaps[:, k] <= 0)
+        shared = [sum(each.Volume() for each in bodies[i].intersect(solid).Solids()) for i in near]
+        held[near[int(np.argmax(shared))]].append(k)
+    volumes = [sum(solids[k].Volume() for k in body) for body in held]
+    return [held[i] for i in np.argsort(volumes)[::-1]]
+
+
+def _widest_gap(bodies: Sequence[Sequence[int]], solids: Sequence[Any], gaps: NDArray[np.float64]) -> tuple[float, int]:
+    """Return how far the body that is farthest from the others is away from them [mm], and its solid nearest to them.
+
+    The distance of two solids takes a second: pairs whose boxes are farther apart than the nearest are left out.
+    """
+    found = list[tuple[float, int]]()
+    for body in bodies:
+        others = [k for other in bodies if other is not body for k in other]
+        nearest = np.inf, body[0]
+        for gap, one, other in sorted((gaps[i, j], i, j) for i in body for j in others):
+            if gap >= nearest[0]:
+                break
+            nearest = min(nearest, (solids[one].distance(solids[other]), one))
+        found.append(nearest)
+    return max(reversed(found), key=lambda each: each[0])
 
 
 def valid(solid: Any, path: Path) -> tuple[Any, list[str]]:

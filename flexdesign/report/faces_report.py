@@ -79,15 +79,13 @@ def _sections(
     progress("drawing")
 
     def draw() -> tuple[list[Figure], list[Figure]]:
-        box = body.solid.BoundingBox()
-        size = 1e-3 * box.DiagonalLength
+        size = 1e-3 * body.solid.BoundingBox().DiagonalLength
         surface = surface_of(body.solid, 1e-3 * size)
         points = surface.corners.reshape(-1, 3)
         cells = np.arange(len(points)).reshape(-1, 3)
         planes = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)[:MOST]
         labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in planes]
-        middle = (1e-3 * box.center.x, 1e-3 * box.center.y, 1e-3 * box.center.z)
-        picture = Picture("faces.png", points, cells, view="oblique", focus=(middle, 0.45 * size), labels=labels)
+        picture = Picture("faces.png", points, cells, view="oblique", labels=labels)
         return [Figure("faces.png", pictures.draw([picture])["faces.png"], CAPTION)], []
 
     figures, _, missing = draw_or_explain(draw, progress)
@@ -140,10 +138,7 @@ def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) ->
     meant = [f"solids = [{', '.join(map(quote, solids))}]"] if solids else []
     lines = [f"format = {FORMAT}", f"part = {quote(part)}", *meant, 'material = "Al 7075-T6"']
     for name, face in (("ground", ground), ("output", output)):
-        lines += ["", f"[ports.{name}]", *how_to_name(face).split(", normal")[:1]]
-        if not face.name:
-            lines += [f"normal{how_to_name(face).split(', normal')[1]}"]
-        lines += ['interface = "traction"']
+        lines += ["", f"[ports.{name}]", *how_to_name(face, faces), 'interface = "traction"']
     return "\n".join(lines) + "\n"
 
 

@@ -293,7 +293,7 @@ def _aim(
         centre, half = np.array(focus[0]) * 1e3, focus[1] * 1e3
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = centre
-    plotter.camera.position = centre + toward * 1000
+    plotter.camera.position = centre + toward * 2 * grid.length  # before all of it
     plotter.camera.up = upright
     plotter.camera.parallel_scale = half
     plotter.reset_camera_clipping_range()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import Any
 import cadquery as cq
 import numpy as np
 import pytest
+from PIL import Image
 from pydantic import ValidationError
 
 from flexdesign.api.step_files import read_ports
@@ -263,7 +265,7 @@ def test_all_solids_of_a_name_are_taken_and_a_body_may_have_several(tmp_path: Pa
         cq.Workplane(origin=(30, 0, 0)).box(1, 1, 1), name="loose"
     ).export(str(tmp_path / "stage.step"))
     assert step_file.read(tmp_path / "stage.step", ("pair",)).solid.Volume() == pytest.approx(128)
-    with pytest.raises(InputError, match=r"cannot be bonded.*loose.*23\.5 mm"):
+    with pytest.raises(InputError, match=r"make 2 bodies \(solids 1, 2; 3\); solid 3 .loose. is 23\.5 mm away"):
         step_file.read(tmp_path / "stage.step")
 
 
@@ -385,6 +387,18 @@ def test_the_design_to_start_from_can_be_read(tmp_path: Path) -> None:
     assert ports[0].normal == pytest.approx((-1, 0, 0))
 
 
+def test_the_design_to_start_from_gives_points_where_all_faces_have_the_name_of_their_body(tmp_path: Path) -> None:
+    """CATIA writes so."""
+    solid = block()
+    file = exported(solid, tmp_path / "part.step", {f"face {k}": face for k, face in enumerate(solid.Faces())})
+    file.write_text(re.sub(r"'face \d'", "'PartBody'", file.read_text()))
+    found = read_ports(file).found
+    assert {face.name for face in found.faces} == {"PartBody"}
+    (tmp_path / "start.toml").write_text(found.design_for(tmp_path))
+    ground, output = design.read(tmp_path / "start.toml").part().ports()
+    assert (ground.normal[0], output.normal[0]) == pytest.approx((-1, 1))
+
+
 def lug() -> cq.Shape:
     """A disc with a flat, about a bore in which the middle of its sides lies; one face alone is normal to y."""
     disc = cq.Workplane().circle(10).circle(7).extrude(4)
@@ -406,9 +420,24 @@ def test_what_is_written_to_mean_a_face_finds_it_where_its_middle_lies_in_a_hole
     middle = cq.Vertex.makeVertex(*(1e3 * np.array(side.centroid)))
     assert side.shape.distance(middle) > 5
     exported(solid, tmp_path / "part.step", {})
-    how = faces.how_to_name(side).replace(", normal", "\nnormal")
+    how = "\n".join(faces.how_to_name(side, listed))
     (index,) = ports_of(tmp_path, ground='plane = "y = min"', output=how)["output"]
     assert step_part.listed(step_file.read(tmp_path / "part.step"))[index].normal == pytest.approx(side.normal)
+
+
+@pytest.mark.parametrize("size", [(2000.0, 6000.0, 3000.0), (4.0, 40.0, 4.0)])
+def test_the_picture_shows_all_of_a_solid_however_large_or_slender(
+    tmp_path: Path, size: tuple[float, float, float]
+) -> None:
+    """Of a box three faces are seen, each as large as it looks along (0.45, 0.55, 1); numbers add a little."""
+    cq.exporters.export(cq.Workplane().box(*size), str(tmp_path / "part.step"))
+    drawn = read_ports(tmp_path / "part.step").document.figures[0].data
+    ink = np.array(Image.open(io.BytesIO(drawn)).convert("L")) < 250
+    assert not (ink[0].any() or ink[-1].any() or ink[:, 0].any() or ink[:, -1].any())
+    toward = np.array([0.45, 0.55, 1.0]) / np.linalg.norm([0.45, 0.55, 1.0])
+    up = np.array([0.0, 1.0, 0.0]) - toward[1] * toward
+    scale = np.ptp(np.flatnonzero(ink.any(axis=1))) / (np.abs(up / np.linalg.norm(up)) @ size)
+    assert ink.sum() == pytest.approx(scale**2 * (toward @ (np.prod(size) / np.array(size))), rel=0.05)
 
 
 def test_a_ball_is_drawn_though_it_has_no_sharp_edges(tmp_path: Path) -> None:
