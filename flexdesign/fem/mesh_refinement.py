@@ -22,7 +22,7 @@ from flexdesign.design.study import Study
 from flexdesign.fem import analysis, convergence, quantities
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.convergence import MeshNoise
-from flexdesign.fem.meshing import local_thickness, methods, resolution_gate
+from flexdesign.fem.meshing import element_count, local_thickness, methods, resolution_gate
 from flexdesign.fem.meshing.conforming import NoMesh
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.local_extrusion import LocalExtrusion
@@ -306,7 +306,15 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
             return layers
     if body.thin is not None:
         at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
-        return LocalThickness(body, at_root, growth, asked.largest, asked.envelope, asked.method != "wild")
+        method = LocalThickness(body, at_root, growth, asked.largest, asked.envelope, asked.method != "wild")
+        if asked.at_root or method.has_necks:
+            return method
+
+        def lengthened(factor: float) -> LocalThickness:
+            return replace(method, at_root=factor * at_root)
+
+        most = methods.MOST_BY_DEFAULT
+        return lengthened(element_count.lengthened(body, lambda factor: lengthened(factor).sizing(1.0), most))
     extruded = asked.method != "wild" and body.section is not None
     at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.UNSTRUCTURED_GRADING
     grading = Grading(body, part.linkage().members, asked.at_root or at_root, asked.growth or growth, asked.largest)

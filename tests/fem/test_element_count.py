@@ -59,3 +59,12 @@ def test_a_mesh_without_bound_is_estimated_at_once(quarter: Domain) -> None:
     found = element_count.estimate(quarter, Sizing(ROOT, np.array([1e-8]), growth=1e-3, largest=1e-6))
     assert found > 1e7
     assert time.perf_counter() - began < 60
+
+
+def test_edges_are_as_much_longer_as_fewer_elements_are_asked_for(quarter: Domain) -> None:
+    def field(factor: float) -> Sizing:
+        return Sizing(ROOT, np.array([factor * 1e-3]), growth=1e-9, largest=factor * 1e-3)
+
+    count = element_count.PER_CUBE * 216
+    assert element_count.lengthened(quarter, field, 1.001 * count / 8) == pytest.approx(2, rel=1e-3)
+    assert element_count.lengthened(quarter, field, 2 * count) == 1

@@ -15,7 +15,7 @@ from flexdesign.core.result_cache import Cache
 from flexdesign.design import part as parts
 from flexdesign.design import study as studies
 from flexdesign.fem import analysis, convergence, mesh_refinement
-from flexdesign.fem.meshing import conforming, domain, local_thickness, methods, thin_regions
+from flexdesign.fem.meshing import conforming, domain, element_count, local_thickness, methods, thin_regions
 from flexdesign.fem.meshing.local_extrusion import LocalExtrusion
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
@@ -427,3 +427,18 @@ class _Whole:
 
     def linkage(self):  # type: ignore[no-untyped-def]
         return self.piece.linkage()
+
+
+def test_a_large_sheet_has_no_more_elements_than_a_machine_has_memory_for(tmp_path: Path) -> None:
+    """Edges in thicknesses would make millions of them, unless somebody asks for that."""
+    cq.exporters.export(cq.Workplane().box(200, 150, 0.8), str(tmp_path / "sheet.step"))
+    ports = "".join(f'[ports.{name}]\nplane = "x = {end}"\n' for name, end in (("ground", "min"), ("output", "max")))
+    (tmp_path / "sheet.toml").write_text(f'format = 1\npart = "sheet.step"\nmaterial = "Al 7075-T6"\n\n{ports}')
+    study = studies.read(tmp_path / "sheet.toml")
+    body = whole_of(study)
+    method = mesh_refinement.method_of(study, study.design.part(), body)
+    usual = LocalThickness(body, local_thickness.AT_ROOT, local_thickness.GROWTH, None, 1e-3)
+    assert element_count.estimate(body, usual.sizing(1.0)) > 2 * methods.MOST_BY_DEFAULT
+    assert 0.7 < element_count.estimate(body, method.sizing(1.0)) / methods.MOST_BY_DEFAULT <= 1
+    asked = studies.read(tmp_path / "sheet.toml", ["mesh.at_root=0.25"])
+    assert mesh_refinement.method_of(asked, study.design.part(), body).at_root == 0.25

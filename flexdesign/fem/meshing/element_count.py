@@ -11,12 +11,13 @@ in it; random points in each tell h and whether it lies in the domain. That take
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.fem.meshing.domain import Domain
-from flexdesign.fem.meshing.sizing import Sizing
 
 FloatArray = NDArray[np.float64]
 #: Tetrahedra per h^3 [1]. A regular one takes h^3 / (6 sqrt 2); fTetWild makes 1.4 to 1.7 times as many on the bridge
@@ -28,7 +29,34 @@ EDGES, POINTS = 6.0, 4
 CUBES = 200_000
 
 
-def estimate(domain: Domain, sizing: Sizing) -> float:
+class Field(Protocol):
+    """A target edge length as a function of place, which grows with the distance from where it is smallest."""
+
+    @property
+    def growth(self) -> float:
+        """The increase of the edge length per distance, at most."""
+
+    @property
+    def finest(self) -> float:
+        """The smallest edge length asked for [m]."""
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the target edge length [m] at points of shape (n, 3)."""
+
+
+def lengthened(domain: Domain, sizing: Callable[[float], Field], most: float) -> float:
+    """Return by what factor edges must be longer for no more than `most` tetrahedra; 1 if there are fewer.
+
+    `sizing` returns the edge lengths for a factor. The number falls with its cube or, where a sheet leaves no room for
+    longer edges to grow, by less.
+    """
+    factor = 1.0
+    while (count := estimate(domain, sizing(factor))) > most:
+        factor *= max(float(count / most) ** (1 / 3), 1.05)
+    return factor
+
+
+def estimate(domain: Domain, sizing: Field) -> float:
     """Return about how many tetrahedra fill a domain; if they are very many, fewer than there are."""
     points, triangles, _ = domain.surface()
     low, high = points.min(axis=0), points.max(axis=0)
@@ -44,7 +72,7 @@ def estimate(domain: Domain, sizing: Sizing) -> float:
     return float(PER_CUBE * (volume / sizing(flat[inside]) ** 3).sum() * domain.volume / volume.sum())
 
 
-def _cubes(low: FloatArray, high: FloatArray, sizing: Sizing) -> tuple[FloatArray, FloatArray]:
+def _cubes(low: FloatArray, high: FloatArray, sizing: Field) -> tuple[FloatArray, FloatArray]:
     """Return centres (n, 3) and edges (n,) [m] of cubes that cover a box and are short where edges are."""
     edge = float((high - low).min())
     axes = [low[i] + edge * (np.arange(int(np.ceil((high - low)[i] / edge - 1e-9))) + 0.5) for i in range(3)]

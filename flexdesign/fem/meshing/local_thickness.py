@@ -336,6 +336,11 @@ class LocalThickness:
         return at_cylinders & bool(self.thin.hinges)
 
     @property
+    def has_necks(self) -> bool:
+        """Whether there are curved necks, across which the coarsest mesh has just elements enough."""
+        return bool(self._curved.any())
+
+    @property
     def _neck_thickness(self) -> FloatArray:
         """Thickness of the hinge that is nearest to each place, or of the place itself if that is less, (n,) [m]."""
         thin = self.thin

@@ -70,6 +70,9 @@ LARGEST_NECK_CHORD = 3e-3
 #: factor takes 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their
 #: number to the power 1.28. That is all that a machine of 24 GiB has.
 MOST = 500_000
+#: Most of a STEP part for which no edge length is asked: by the same law 9 GiB, which an ordinary machine has. Large
+#: parts that are thin all over, such as bent sheets, would have more.
+MOST_BY_DEFAULT = MOST / 2
 #: Scatter of results of extruded meshes: of K_in over gradings that differ by up to 3 %, found as 1e-4 on fine and 1e-3
 #: on coarse meshes of few layers; all layers repeat the same triangles about a root. The share is measured
 #: (`studies.error_bars`); that of curved necks is larger, as three, four and five elements across a neck do not shrink

@@ -13,6 +13,8 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.design.part import states
 from flexdesign.dynamics.experiments.simulation import stage_model_cautions
 from flexdesign.fem import quantities
+from flexdesign.fem.meshing import methods
+from flexdesign.fem.meshing.local_thickness import AT_ROOT, LocalThickness
 from flexdesign.fem.solving.statics import PortCompliance
 from flexdesign.report import accuracy_text, charts, strength_text
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -309,7 +311,7 @@ def _mesh(validation: Validation) -> Section:
     planes = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes) or "none"
     text = (
         f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), "
-        f"{METHODS[validation.method.name]}{_meshers(validation)}, solved by "
+        f"{METHODS[validation.method.name]}{_meshers(validation)}{_lengthened(validation)}, solved by "
         f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
         f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
         f"{_index(validation)}{_loose(validation)}"
@@ -333,6 +335,20 @@ def _meshers(validation: Validation) -> str:
         return f", by {made[0]}" if made else ""
     texts = [f"{made.count(name)} by {name}" for name in dict.fromkeys(made)]
     return f", {' and '.join(texts)}, as Netgen made no mesh"
+
+
+def _lengthened(validation: Validation) -> str:
+    """Say by how much edges are longer than usual, as there would be too many."""
+    method = validation.method
+    if validation.study.mesh.at_root or method.name != "wild" or not isinstance(method, LocalThickness):
+        return ""
+    if method.at_root == AT_ROOT:
+        return ""
+    most = f"{methods.MOST_BY_DEFAULT:,.0f}".replace(",", " ")
+    return (
+        f", with edges {method.at_root / AT_ROOT:.3g} times as long as usual, as there would be more than {most} "
+        f"tetrahedra (`mesh.at_root` changes that, now {method.at_root:.3g})"
+    )
 
 
 def _memory(validation: Validation) -> str:
