@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.core import units
 from flexdesign.core.errors import InputError, suggest
@@ -23,6 +24,10 @@ MM = 1e-3
 REACH, DIRECTION = 0.1, float(np.cos(np.radians(10.0)))
 #: Faces lie in one plane if they differ by less than this share of the solid's size.
 FLUSH = 1e-5
+#: A radius is meant within this share.
+SAME_RADIUS = 1e-3
+#: What a port may be.
+PORT_KINDS = ("plane", "cylinder")
 
 
 @dataclass(frozen=True)
@@ -71,9 +76,10 @@ class SolidFace:
 
 @dataclass(frozen=True)
 class Query:
-    """How a port names its faces: exactly one of name, colour and plane, or a point with a normal.
+    """How a port names its faces: exactly one of name, colour and plane, or a point with a normal or an axis.
 
-    Point and normal state where the face was, in case its name is lost.
+    Point and normal state where the face was, in case its name is lost. A point on the axis of a cylinder, or on it,
+    means a cylinder with the `axis`, of a `radius` [m] if one is given, or else the nearest and narrowest.
     """
 
     names: tuple[str, ...] = ()
@@ -81,6 +87,8 @@ class Query:
     plane: str = ""
     point: Vector | None = None
     normal: Vector | None = None
+    axis: Vector | None = None
+    radius: float | None = None
 
 
 def of_solid(solid: Any, names: Mapping[int, str], colours: Mapping[int, str]) -> tuple[SolidFace, ...]:
@@ -114,7 +122,7 @@ def _face(index: int, face: Any, name: str, colour: str) -> SolidFace:
 
 
 def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> tuple[SolidFace, ...]:
-    """Return the plane faces that a query means.
+    """Return the faces that a query means: of one plane, or of one cylinder.
 
     Parameters
     ----------
@@ -130,7 +138,7 @@ def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size:
     Raises
     ------
     InputError
-        If there is none, or it is not plane; it names the nearest face.
+        If there is none, or it is neither plane nor a cylinder; it names the nearest face.
     """
     if query.names:
         found = [face for name in query.names for face in _find_by_name(name, query, faces, where)]
@@ -142,9 +150,14 @@ def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size:
     else:
         found, text = _find_by_position(query, faces, where, size), None
     for face in found:
-        if face.kind != "plane":
-            remedy = f"{face.label} is no plane but a {face.kind}; a port must be plane{_nearest_plane(face, faces)}"
+        if face.kind not in PORT_KINDS:
+            remedy = f"{face.label} is a {face.kind}; a port is a plane or a cylinder{_nearest_plane(face, faces)}"
             raise InputError(*where, text, remedy)
+    if any(face.kind == "cylinder" for face in found):
+        if not all(is_of_one_cylinder(face, found[0], size) for face in found):
+            listed = ", ".join(face.label for face in found)
+            raise InputError(*where, text, f"its faces are not of one cylinder ({listed}); make a port of each")
+        return tuple(found)
     normals, centroids = (np.array([getattr(face, key) for face in found]) for key in ("normal", "centroid"))
     heights = (centroids - centroids[0]) @ normals[0]
     if (normals @ normals[0]).min() < 1 - 1e-6 or np.abs(heights).max() > FLUSH * size:
@@ -217,6 +230,8 @@ def _plane(text: str, where: tuple[Any, str]) -> tuple[int, str | float]:
 
 def _find_by_position(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> list[SolidFace]:
     """Return the nearest face with the normal; of a plane cut in pieces all that meet at the point."""
+    if query.point is not None and query.axis is not None:
+        return _cylinder(query, faces, where, size)
     if query.point is None or query.normal is None:
         raise InputError(*where, None, 'names no face; give face, colour, plane = "z = max", or point and normal')
     fitting = [face for face in faces if np.dot(face.normal, query.normal) > DIRECTION]
@@ -228,6 +243,51 @@ def _find_by_position(query: Query, faces: Sequence[SolidFace], where: tuple[Any
         return [nearest]
     level = [face for face in fitting if face.kind == "plane" and np.dot(face.normal, nearest.normal) > 1 - 1e-6]
     return [face for face in level if _away(face, query) < _away(nearest, query) + FLUSH * size]
+
+
+def _cylinder(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> list[SolidFace]:
+    """Return the nearest cylinder with the axis, and the pieces that it is cut into."""
+    round_ones = [face for face in faces if face.kind == "cylinder"]
+    fitting = [f for f in round_ones if f.axis is not None and abs(np.dot(f.axis, query.axis or ())) > DIRECTION]
+    if query.radius is not None:
+        fitting = [face for face in fitting if abs(face.radius - query.radius) < SAME_RADIUS * query.radius]
+
+    def away(face: SolidFace) -> float:
+        surface = _away(face, query)
+        return min(surface, abs(surface - face.radius))  # of a point on the surface, or on the axis
+
+    nearest = min(fitting or round_ones or faces, key=lambda face: (round(away(face) / (FLUSH * size)), face.radius))
+    if not fitting or away(nearest) > REACH * size:
+        radius = f" and the radius {nearest.radius / MM:.4g} mm" if nearest.radius else ""
+        remedy = f"no cylinder like this is near this point; the nearest is {nearest.label}, {nearest.place}{radius}"
+        raise InputError(*where, f"({in_mm(query.point or ())}) mm", remedy)
+    found = [nearest]
+    others = [face for face in fitting if face is not nearest and is_of_one_cylinder(face, nearest, size)]
+    for _ in others:  # pieces may touch other pieces alone
+        touching = [
+            f for f in others if f not in found and any(f.shape.distance(g.shape) < FLUSH * size / MM for g in found)
+        ]
+        found += touching
+    return found
+
+
+def is_of_one_cylinder(one: SolidFace, other: SolidFace, size: float) -> bool:
+    """Tell whether two faces lie on one cylinder, within a share of the solid's size [m]."""
+    if one.axis is None or other.axis is None or abs(one.radius - other.radius) > FLUSH * size:
+        return False
+    between = np.cross(on_axis(one) - on_axis(other), other.axis)
+    return bool(abs(np.dot(one.axis, other.axis)) > 1 - 1e-6 and np.linalg.norm(between) < FLUSH * size)
+
+
+def on_axis(cylinder: SolidFace) -> NDArray[np.float64]:
+    """Return the place on a cylinder's axis next to the middle of the face [m]."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    place = BRepAdaptor_Surface(cylinder.shape.wrapped).Cylinder().Axis().Location()
+    origin = np.array([place.X(), place.Y(), place.Z()]) * MM
+    return np.asarray(
+        origin + np.dot(np.array(cylinder.centroid) - origin, cylinder.axis or ()) * np.array(cylinder.axis)
+    )
 
 
 def _away(face: SolidFace, query: Query) -> float:
@@ -255,7 +315,10 @@ def how_to_name(face: SolidFace, faces: Sequence[SolidFace]) -> list[str]:
     """
     if face.name and sum(face.name == other.name for other in faces) == 1:
         return [f'face = "{face.name}"']
-    point = ", ".join(f'"{round(1e3 * x, 6) + 0.0:.6g} mm"' for x in _point_on(face))
+    place = on_axis(face) if face.axis else _point_on(face)
+    point = ", ".join(f'"{round(1e3 * x, 6) + 0.0:.6g} mm"' for x in place)
+    if face.axis:
+        return [f"point = [{point}]", f"axis = [{_numbers(face.axis)}]", f'radius = "{1e3 * face.radius:.6g} mm"']
     return [f"point = [{point}]", f"normal = [{_numbers(face.normal)}]"]
 
 

@@ -66,12 +66,15 @@ def cut_port(port: Port, whole: Any, solid: Any) -> Port:
     near = 1e-7 * whole.BoundingBox().DiagonalLength
     left = []
     for index, face in enumerate(solid.Faces()):
-        if face.geomType() != "PLANE" or face.normalAt().dot(cq.Vector(*port.normal)) < 1 - 1e-9:
+        if face.geomType() != before[0].geomType():
             continue
         points, triangles = face.tessellate(1.0)
-        corners = [points[corner] for corner in triangles[0]]
-        inside = cq.Vertex.makeVertex(*(sum(corners, cq.Vector()) / 3).toTuple())
-        if any(old.distance(inside) < near for old in before):
+        if face.geomType() == "PLANE":
+            if face.normalAt().dot(before[0].normalAt()) < 1 - 1e-9:
+                continue
+            points = [sum((points[corner] for corner in triangles[0]), cq.Vector()) / 3]
+        inside = [cq.Vertex.makeVertex(*point.toTuple()) for point in points]
+        if all(any(old.distance(place) < near for old in before) for place in inside):
             left.append(index)
     return replace(port, faces=tuple(left))
 
@@ -104,12 +107,14 @@ def _swaps(ports: Sequence[Port], images: Mapping[int, int], index: int, near: f
     for port in ports:
         reflected = {images[face] for face in port.faces}
         if reflected == set(port.faces):
-            if abs(port.point[index]) > near:
+            if abs(port.point[index]) > near or abs(port.normal[index]) > ALIKE:
                 return None
             continue
         goal = mirrored(np.array([port.point]), index)[0]
         twin = next((other for other in ports if set(other.faces) == reflected and other.role == port.role), None)
         if twin is None or port.role == "ground" or np.abs(np.array(twin.point) - goal).max() > near:
+            return None
+        if np.abs(mirrored(np.array([port.normal]), index)[0] - twin.normal).max() > ALIKE:
             return None
         if port.point[index] < 0:
             swaps[port.name] = twin.name

@@ -274,14 +274,15 @@ def _by_index(faces: Sequence[Any], named: Sequence[tuple[Any, str]]) -> dict[in
     found: dict[int, str] = {}
     places = functools.cache(lambda: np.array([(*face.Center().toTuple(), face.Area()) for face in faces]))
     for face, text in named:
-        same = [i for i, each in enumerate(faces) if each.isSame(face)]
-        if same or len(same := _alike(face, places())):
-            found[int(same[0])] = text
+        same = [i for i, each in enumerate(faces) if each.isSame(face)] or _alike(face, places())
+        if same:
+            found[same[0]] = text
     return found
 
 
-def _alike(face: Any, places: NDArray[np.float64]) -> NDArray[np.int64]:
+def _alike(face: Any, places: NDArray[np.float64]) -> list[int]:
     """Return the indices of the faces with centre and area of one, of `places` (n, 4), within `SAME_FACE`."""
     area = face.Area()
     away = np.linalg.norm(places[:, :3] - face.Center().toTuple(), axis=1)
-    return np.flatnonzero((away < SAME_FACE * area**0.5) & (np.abs(places[:, 3] / area - 1) < SAME_FACE))
+    alike = (away < SAME_FACE * area**0.5) & (np.abs(places[:, 3] / area - 1) < SAME_FACE)
+    return [int(index) for index in np.flatnonzero(alike)]

@@ -34,6 +34,7 @@ OTHER_ENDINGS = (
 )
 ROLES: tuple[Role, ...] = ("input", "output", "ground")
 _PLACE = Bounds("m", -10.0, 10.0)
+_RADIUS = Bounds("m", 1e-6, 10.0)
 
 
 def _vector(given: object, read: Any, example: str) -> Vector:
@@ -51,7 +52,7 @@ def _direction(given: object) -> Vector:
     vector = np.array(_vector(given, float, "[0, 0, 1]"))
     length = float(np.linalg.norm(vector))
     if not length > 0 or not math.isfinite(length):
-        raise ValueError("a normal must have a length")
+        raise ValueError("a direction must have a length")
     x, y, z = (vector / length).tolist()
     return x, y, z
 
@@ -72,8 +73,11 @@ class PortTable(Table):
 
     Faces are found by `face`, a name or several that the file gives; by `colour`, as #rrggbb; by `plane`, such as
     ``z = max``; or by a `point` near them and their outward `normal`, which a name may have besides, should it get
-    lost. With `interface` ``rigid`` the faces move as one body, as a bolted flange does; ``traction`` leaves them free
-    to deform. Motions and moments are those about the point `about`, the middle of the faces where nothing is said.
+    lost. A bore or a shaft is found by a `point` on its axis, its `axis`, and, where several cylinders have this axis,
+    its `radius`. With `interface` ``rigid`` the faces move as one body, as a bolted flange or a bore about a pin does;
+    ``traction`` leaves them free to deform. Motions and moments are those about the point `about`, the middle of the
+    faces where nothing is said. A port is pushed, and its motion counted, along its `direction`: the outward normal of
+    a plane, or the axis of a cylinder, where nothing is said.
     """
 
     role: Literal["input", "output", "ground"] | None = None
@@ -84,11 +88,14 @@ class PortTable(Table):
     normal: Annotated[Vector, BeforeValidator(_direction)] | None = None
     interface: Literal["traction", "rigid"] = "traction"
     about: Annotated[Vector, BeforeValidator(_place), _PLACE] | None = None
+    axis: Annotated[Vector, BeforeValidator(_direction)] | None = None
+    radius: Annotated[float, BeforeValidator(_RADIUS.read), _RADIUS] | None = None
+    direction: Annotated[Vector, BeforeValidator(_direction)] | None = None
 
     @property
     def query(self) -> Query:
         """What is looked for."""
-        return Query(self.face, self.colour, self.plane, self.point, self.normal)
+        return Query(self.face, self.colour, self.plane, self.point, self.normal, self.axis, self.radius)
 
 
 @dataclass(frozen=True)
@@ -267,8 +274,11 @@ def _require_role(port: str, table: PortTable, file: Path) -> None:
     ways = [key for key in ("face", "colour", "plane") if getattr(table, key)]
     if len(ways) > 1:
         raise InputError(file, f"ports.{port}", " and ".join(ways), "name the faces in one way only")
-    if not ways and (table.point is None or table.normal is None):
-        remedy = 'names no face; give face = "name", colour = "#rrggbb", plane = "z = max", or point and normal'
+    if not ways and (table.point is None or (table.normal is None and table.axis is None)):
+        remedy = (
+            'names no face; give face = "name", colour = "#rrggbb", plane = "z = max", point and normal, or of a '
+            "cylinder point and axis"
+        )
         raise InputError(file, f"ports.{port}", None, remedy)
 
 
@@ -276,14 +286,16 @@ def _port(name: str, table: PortTable, found: tuple[SolidFace, ...], size: float
     way = next((key for key in ("face", "colour", "plane") if getattr(table, key)), "point")
     chosen = faces.find(table.query, found, (file, f"ports.{name}.{way}"), size)
     areas = np.array([face.area for face in chosen])
-    middle = tuple((areas @ np.array([face.centroid for face in chosen]) / areas.sum()).tolist())
+    of_cylinder = chosen[0].axis is not None
+    places = [faces.on_axis(face) if of_cylinder else np.array(face.centroid) for face in chosen]
+    middle = _triple(areas @ np.array(places) / areas.sum())
     role = _role(name, table)
     assert role is not None
     return Port(
         name,
         role,
         table.about or middle,
-        chosen[0].normal,
+        table.direction or chosen[0].axis or chosen[0].normal,
         faces=tuple(face.index for face in chosen),
         rigid=table.interface == "rigid",
     )

@@ -145,7 +145,7 @@ def _fuse(named: Sequence[NamedSolid], chosen: Sequence[int], path: Path, *, is_
     labels = [_label(named, k, LONGEST_NAME) for k in chosen]
     others = "" if is_chosen else f"; or take some of its solids (solids = [...], --solid): {listed(named)}"
     gaps = _gaps_of_boxes(solids)
-    for first, second in np.argwhere(np.triu(gaps <= 0, 1)):
+    for first, second in np.argwhere(np.triu(gaps <= 0, 1)).tolist():
         common = solids[first].intersect(solids[second])
         shared = sum(solid.Volume() for solid in common.Solids())
         if shared > OVERLAP * min(solids[first].Volume(), solids[second].Volume()):
@@ -179,11 +179,11 @@ def _gaps_of_boxes(solids: Sequence[Any]) -> NDArray[np.float64]:
 def _of_each(bodies: Sequence[Any], solids: Sequence[Any]) -> list[list[int]]:
     """Return which solids each of the bodies that they make up holds, the one of the largest volume first."""
     gaps = _gaps_of_boxes([*bodies, *solids])[: len(bodies), len(bodies) :]
-    held = list[list[int]]([] for _ in bodies)
+    held: list[list[int]] = [[] for _ in bodies]
     for k, solid in enumerate(solids):
-        near = np.flatnonzero(gaps[:, k] <= 0)
-        shared = [sum(each.Volume() for each in bodies[i].intersect(solid).Solids()) for i in near]
-        held[near[int(np.argmax(shared))]].append(k)
+        near = np.flatnonzero(gaps[:, k] <= 0).tolist()
+        shared = {i: sum(each.Volume() for each in bodies[i].intersect(solid).Solids()) for i in near}
+        held[max(near, key=lambda i: shared[i])].append(k)
     volumes = [sum(solids[k].Volume() for k in body) for body in held]
     return [held[i] for i in np.argsort(volumes)[::-1]]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.toml_files import FORMAT, quote
-from flexdesign.design.faces import SolidFace, how_to_name, in_mm
+from flexdesign.design.faces import SolidFace, how_to_name, in_mm, on_axis
 from flexdesign.design.step_file import StepBody
 from flexdesign.fem.meshing.surface import Surface, surface_of, triangle_areas
 from flexdesign.fem.meshing.thin_regions import ThinRegions
@@ -20,9 +20,9 @@ from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import Picture, draw_or_explain
 
 KINDS = ("plane", "cylinder")
-#: Plane faces that a terminal and the picture show.
+#: Faces that a terminal and the picture show.
 MOST = 20
-CAPTION = "The solid, with the numbers of its largest plane faces that are seen from here"
+CAPTION = "The solid, with the numbers of its largest planes and cylinders that are seen from here"
 
 
 def table(faces: Sequence[SolidFace]) -> Table:
@@ -39,25 +39,27 @@ def table(faces: Sequence[SolidFace]) -> Table:
                 shape,
                 f"{1e6 * face.area:.4g}",
                 _vector(way),
-                in_mm(face.centroid),
+                in_mm(_middle(face)),
                 face.name,
                 face.colour,
             ]
         )
     columns = ["face", "kind", "area [mm²]", "normal or axis", "centre [mm]", "name", "colour"]
-    return Table(columns, rows, "Plane and cylindrical faces, the largest first; a port is plane")
+    return Table(columns, rows, "Planes and cylinders, the largest first: what a port may be")
 
 
 def brief(faces: Sequence[SolidFace]) -> Table:
-    """Return the largest plane faces for a terminal: what a port may be."""
-    plane = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)
+    """Return the largest faces for a terminal that a port may be."""
+    known = sorted((face for face in faces if face.kind in KINDS), key=lambda f: -f.area)
     rows = [
-        [str(face.index + 1), f"{1e6 * face.area:.4g}", ", ".join(f"{round(x, 2) + 0.0:g}" for x in face.normal),
-         ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in face.centroid), face.name]
-        for face in plane[:MOST]
+        [str(face.index + 1), f"{1e6 * face.area:.4g}", f"{1e3 * face.radius:.4g}" if face.axis else "plane",
+         ", ".join(f"{round(x, 2) + 0.0:g}" for x in face.axis or face.normal),
+         ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in _middle(face)), face.name]
+        for face in known[:MOST]
     ]  # fmt: skip
-    more = f"; {len(plane) - MOST} smaller ones are in the report" if len(plane) > MOST else ""
-    return Table(["face", "mm²", "normal", "centre [mm]", "name"], rows, f"Plane faces, the largest first{more}")
+    more = f"; {len(known) - MOST} smaller ones are in the report" if len(known) > MOST else ""
+    columns = ["face", "mm²", "R [mm]", "normal or axis", "centre [mm]", "name"]
+    return Table(columns, rows, f"Planes and cylinders, the largest first{more}")
 
 
 def document(
@@ -83,8 +85,8 @@ def _sections(
         surface = surface_of(body.solid, 1e-3 * size)
         points = surface.corners.reshape(-1, 3)
         cells = np.arange(len(points)).reshape(-1, 3)
-        planes = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)[:MOST]
-        labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in planes]
+        known = sorted((face for face in faces if face.kind in KINDS), key=lambda f: -f.area)[:MOST]
+        labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in known]
         picture = Picture("faces.png", points, cells, view="oblique", labels=labels)
         return [Figure("faces.png", pictures.draw([picture])["faces.png"], CAPTION)], []
 
@@ -145,8 +147,15 @@ def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) ->
 def _before(surface: Surface, face: SolidFace, distance: float) -> tuple[float, float, float]:
     """Return a point before the largest triangle of a face [m], so that the face does not hide a text there."""
     corners = surface.corners[surface.owners == face.index]
-    x, y, z = corners[np.argmax(triangle_areas(corners))].mean(axis=0) + distance * np.asarray(face.normal)
+    one, two, three = corners[np.argmax(triangle_areas(corners))]
+    outward = np.cross(two - one, three - one)
+    x, y, z = (one + two + three) / 3 + distance * outward / np.linalg.norm(outward)
     return float(x), float(y), float(z)
+
+
+def _middle(face: SolidFace) -> Sequence[float]:
+    """Return where a face is: its centre, or that of a cylinder on its axis, which a port's table asks for [m]."""
+    return on_axis(face).tolist() if face.axis else face.centroid
 
 
 def _vector(vector: Sequence[float]) -> str:

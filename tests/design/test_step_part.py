@@ -335,7 +335,13 @@ def test_cavities_line_ends_and_round_faces_are_read(tmp_path: Path) -> None:
     [
         ({"output": 'face = "ende"'}, "ports.output.face = ende: no face has this name; the nearest name is end, at"),
         ({"output": 'face = "top"\npoint = ["0 mm", "4 mm", "3 mm"]\nnormal = [0, 0, 1]'}, "nearest to where it was"),
-        ({"output": 'face = "hole"'}, "hole is no plane but a cylinder.*the nearest plane face is"),
+        ({"output": 'face = "cone"'}, "cone is a cone; a port is a plane or a cylinder; the nearest plane face is"),
+        (
+            {"output": 'point = ["0 mm", "0 mm", "0 mm"]\naxis = [0, 0, 1]\nradius = "3 mm"'},
+            "nearest is hole.*radius 2",
+        ),
+        ({"output": 'point = ["0 mm", "0 mm", "0 mm"]\naxis = [1, 0, 0]'}, "no cylinder like this is near this point"),
+        ({"output": 'point = ["0 mm", "0 mm", "0 mm"]'}, "names no face.*point and axis"),
         ({"output": 'plane = "x = 12 mm"'}, "no plane face lies there; the nearest is end"),
         ({"output": 'plane = "x=="'}, 'expected a plane such as "z = max"'),
         ({"output": 'colour = "#00ff00"'}, "no face has this colour"),
@@ -349,9 +355,11 @@ def test_cavities_line_ends_and_round_faces_are_read(tmp_path: Path) -> None:
     ],
 )
 def test_bad_ports_are_refused(tmp_path: Path, tables: dict[str, str], words: str) -> None:
-    solid = block()
-    hole = next(face for face in solid.Faces() if face.geomType() == "CYLINDER")
-    exported(solid, tmp_path / "part.step", {"end": max(solid.Faces(), key=lambda f: f.Center().x), "hole": hole})
+    solid = cq.Workplane(block()).faces(">Z").edges("%CIRCLE").chamfer(0.5).val()
+    named = {face.geomType(): face for face in solid.Faces()}
+    named |= {"PLANE": max(solid.Faces(), key=lambda f: f.Center().x)}
+    names = {"CYLINDER": "hole", "CONE": "cone", "PLANE": "end"}
+    exported(solid, tmp_path / "part.step", {names[kind]: face for kind, face in named.items()})
     with pytest.raises(InputError, match=words):
         ports_of(tmp_path, **tables)
 
