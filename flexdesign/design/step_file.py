@@ -82,6 +82,8 @@ def read(path: Path, solids: tuple[str, ...] = ()) -> StepBody:
         stat = path.stat()
     except OSError as error:
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    if stat.st_size == 0:
+        raise InputError(path, "", None, "is empty; export it anew, or copy it again")
     return _read(path.resolve(), solids, stat.st_mtime_ns, stat.st_size)
 
 

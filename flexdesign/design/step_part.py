@@ -272,6 +272,12 @@ def _require_role(port: str, table: PortTable, file: Path) -> None:
         remedy = 'is missing; write role = "ground", "input" or "output", or let the port\'s name begin with it'
         raise InputError(file, f"ports.{port}.role", None, remedy)
     ways = [key for key in ("face", "colour", "plane") if getattr(table, key)]
+    if table.axis is not None:
+        ways += ["axis"] if ways else []
+    elif table.radius is not None:
+        raise InputError(
+            file, f"ports.{port}.radius", f"{1e3 * table.radius:g} mm", "give the axis of the cylinder, too"
+        )
     if len(ways) > 1:
         raise InputError(file, f"ports.{port}", " and ".join(ways), "name the faces in one way only")
     if not ways and (table.point is None or (table.normal is None and table.axis is None)):

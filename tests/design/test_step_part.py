@@ -297,11 +297,16 @@ def test_a_boundary_that_crosses_itself_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", ["", "nonsense", "ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;"]
+    ("content", "words"),
+    [
+        ("", "is empty"),
+        ("nonsense", "is no STEP file that can be read"),
+        ("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;", ""),
+    ],
 )
-def test_what_is_no_step_file_is_refused(tmp_path: Path, content: str) -> None:
+def test_what_is_no_step_file_is_refused(tmp_path: Path, content: str, words: str) -> None:
     (tmp_path / "part.step").write_text(content)
-    with pytest.raises(InputError, match=r"part\.step"):
+    with pytest.raises(InputError, match=rf"part\.step.*{words}"):
         step_file.read(tmp_path / "part.step")
 
 
@@ -348,6 +353,8 @@ def test_cavities_line_ends_and_round_faces_are_read(tmp_path: Path) -> None:
         ({"output": 'point = ["90 mm", "0 mm", "0 mm"]\nnormal = [1, 0, 0]'}, "no face with this normal is near"),
         ({"output": ""}, "names no face"),
         ({"output": 'face = "end"\nplane = "x = max"'}, "name the faces in one way only"),
+        ({"output": 'plane = "x = max"\naxis = [0, 0, 1]'}, "plane and axis: name the faces in one way only"),
+        ({"output": 'plane = "x = max"\nradius = "2 mm"'}, "output.radius = 2 mm: give the axis of the cylinder, too"),
         ({"output": 'plane = "x = min"'}, "in common with ground"),
         ({"output": 'plane = "x = max"\nrole = "ground"'}, "exactly one port must have the role output"),
         ({"ground": 'plane = "x = min"\nrole = "input"'}, "the body is held nowhere"),
