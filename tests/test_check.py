@@ -252,6 +252,14 @@ def test_kinds_of_experiment(name: str) -> None:
     assert kind == "triangle" or "triangle" not in found
 
 
+def test_a_slow_ramp_does_not_rest() -> None:
+    """Of many samples each is near the one before. One rise and one fall are a loop; what rests in between is quiet."""
+    rise = np.linspace(0, 90, 30000)
+    for u, rests in ((np.r_[rise, rise[::-1]], set()), (np.r_[rise, np.full(2000, 90.0), rise[::-1]], {"quiet"})):
+        assert set(coverage.kinds_of(run("a", u, u))) == {"triangle", *rests}
+        assert [end - first for first, end in coverage.resting(u)] == ([pytest.approx(2000, abs=100)] if rests else [])
+
+
 def test_what_is_shown_follows_from_the_experiments() -> None:
     quiet = run("a", np.full(N, 20.0), reading(np.full(N, 20.0)))
     step = Run(

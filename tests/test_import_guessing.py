@@ -364,6 +364,16 @@ def test_a_sampling_time_in_a_column_of_the_table_is_read(tmp_path: Path, comman
     assert ended.code == 2 and "the sampling rate" not in ended.stderr and 'rate = "0.25 Hz"' in ended.stdout
 
 
+def test_the_rate_of_an_oscilloscope_is_read(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """As PicoScope writes MATLAB files: no time, but its start, the interval and the channels."""
+    from scipy.io import savemat
+
+    channels = {"A": np.arange(40.0) % 7, "B": np.arange(40.0) % 5}
+    savemat(tmp_path / "scope.mat", {"Tstart": -1e-3, "Tinterval": 2e-7, "Length": 40, **channels})
+    ended = command_line("import", str(tmp_path / "scope.mat"))
+    assert ended.code == 2 and "the sampling rate" not in ended.stderr and 'rate = "5000000 Hz"' in ended.stdout
+
+
 def test_many_files_of_different_kinds_go_into_one_folder(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     for k in range(3):
         (tmp_path / f"step_{k}.csv").write_text("t [s],u [V],x [um]\n" + rows(T, U, (1 + k) * X))

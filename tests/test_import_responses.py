@@ -181,3 +181,12 @@ def test_the_template_proposes_a_response(tmp_path: Path, command_line: Callable
     ended = command_line("import", "sweep.npz", "--map", "map.toml", "-o", "sweep")
     assert (ended.code, ended.stderr) == (0, "")
     assert "sweep/sweep.csv: frequency response, 200 lines, 2 to 400 Hz\n  the line at 0 Hz" in ended.stdout
+
+
+def test_a_response_is_proposed_before_the_spectra_beside_it(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """Analysers store spectra as complex numbers, too; and a frequency has the name of a force, but not its unit."""
+    np.savez(tmp_path / "sweep.npz", S1=H[0, 0] ** 2, H1_2=H[0, 0], axis=F)
+    ended = command_line("import", "sweep.npz", "--print-map")
+    columns = tomllib.loads(ended.stdout)["run"][0]["columns"]
+    assert columns["response"]["variable"] == "H1_2"
+    assert '[run.columns.f]\nvariable = "?"\nunit = "?"  # Hz?' in ended.stdout

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import MEASUREMENTS, app
+from flexdesign.core import units
 from flexdesign.core.errors import printable
 
 HELP = """Convert recordings of other programs to a folder of runs.
@@ -80,12 +81,12 @@ def import_(
             typer.echo(f"Left out: {', '.join(map(printable, proposal.left_out))}.")
     for run in found.runs:
         names = ", ".join([*run.commands, *(name for name in run.columns if name not in run.commands)])
-        rate = f"{1 / run.period:.6g} Hz"
+        rate = units.hertz(1 / run.period, 6)
         typer.echo(f"{found.folder / run.name}.csv: {len(run.time)} samples at {rate}: {names}")
         for remark in run.remarks:
             typer.echo(f"  {remark}")
     for response in found.responses:
-        lines = f"{response.frequencies[0]:.6g} to {response.frequencies[-1]:.6g} Hz"
+        lines = f"{response.frequencies[0]:.6g} to {units.hertz(response.frequencies[-1], 6)}"
         typer.echo(
             f"{found.folder / response.name}.csv: frequency response, {len(response.frequencies)} lines, {lines}"
         )

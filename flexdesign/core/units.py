@@ -215,6 +215,15 @@ def significant(number: float, digits: int = 4) -> str:
     return f"{number:.{digits - 1}e}"
 
 
+def hertz(frequency: float, digits: int = 4) -> str:
+    """Write a frequency without an exponent, and without zeros that say nothing.
+
+    >>> hertz(13000.0), hertz(0.6), hertz(17857142.9, 6)
+    ('13000 Hz', '0.6 Hz', '17857100 Hz')
+    """
+    return f"{float(f'{frequency:.{digits}g}'):.12g} Hz"
+
+
 def typeset(text: str) -> str:
     """Write the units in a text with the Greek letter for micro, as pages and drawings have them.
 

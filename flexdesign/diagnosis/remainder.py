@@ -19,6 +19,7 @@ from typing import cast
 import numpy as np
 
 from flexdesign import effects
+from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -279,7 +280,7 @@ class BasisFunctions:
         for count in (many for many in BUMP_COUNTS if many <= max(lines // FEWEST_LINES, BUMP_COUNTS[0])):
             centres = np.geomspace(low, high, count)
             for centre in centres.tolist():
-                about = f"near {centre:.3g} Hz, 1/{count} of the band"
+                about = f"near {units.hertz(centre, 3)}, 1/{count} of the band"
                 if response is None:
                     made |= {f"magnitude {about}": predicted, f"phase {about}": predicted}
                     continue

@@ -66,7 +66,7 @@ def sentences(comparison: Comparison) -> list[str]:
     by_frequency = comparison.by("frequency")
     if by_frequency and (band := by_frequency.dominant()):
         mode = comparison.model.axes[comparison.axis].natural_frequency
-        near = f", where the main mode is ({mode:.4g} Hz)" if band[0].lower <= mode < band[-1].upper else ""
+        near = f", where the main mode is ({units.hertz(mode)})" if band[0].lower <= mode < band[-1].upper else ""
         share = percent(sum(p.share for p in band))
         text.append(f"It fails mostly {place(by_frequency, band)}{near}: {share}.")
     regions = [b for b in comparison.where if b.by not in ("run", "frequency")]

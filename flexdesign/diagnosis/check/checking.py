@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.check import coverage, suspicion
 from flexdesign.diagnosis.check.coverage import Coverage
@@ -198,7 +199,9 @@ def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: 
     for run in runs:
         for axis in run.responses:
             if (fastest := _resonance(run, axis)) and 1 / run.period < FEWEST_PER_PERIOD * fastest:
-                what = f"{axis} rings at about {fastest:.4g} Hz and is sampled at {1 / run.period:.5g} Hz"
+                what = (
+                    f"{axis} rings at about {units.hertz(fastest)} and is sampled at {units.hertz(1 / run.period, 5)}"
+                )
                 remedy = f"sample {FEWEST_PER_PERIOD} times in a period or more"
                 found.append(Suspicion(run.name, what, remedy))
     return found

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from flexdesign import effects
 from flexdesign.core.arrays import Array
@@ -25,12 +26,13 @@ QUIET_SAMPLES, STEP_HOLD = 100, 10.0
 #: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
 BROAD_OCTAVES, LINE_LEVEL = 2.0, 5e-3
 #: A command is made of straight lines if, of this number of its samples, this share holds all squares of the second
-#: differences but for this part. Of normal noise a tenth holds less than half. Of more samples, rounding is a curve.
+#: differences but for this part. Of normal noise a tenth holds less than half. Of more samples, rounding is a curve,
+#: and a slow ramp stands still.
 STRAIGHT_SAMPLES, CORNERS, CURVED = 1000, 0.1, 0.02
 #: Least number of samples of a rise, a fall or a rest.
 STROKE_SAMPLES = 10
-#: Levels at which a staircase rests; rises and falls of a slow command.
-STAIRCASE_LEVELS, LOOP_TURNS = 4, 3
+#: Levels at which a staircase rests; rises and falls of a slow command: one of each is a loop.
+STAIRCASE_LEVELS, LOOP_STROKES = 4, 2
 #: A temperature that changes by so much [K] shows what heat does.
 TEMPERATURE_CHANGE = 0.5
 #: What the catalogue calls each kind, in words of the result.
@@ -131,7 +133,7 @@ def _of_command(values: Array, period: float) -> set[str]:
     levels = {round(float(np.mean(values[first:last])) / span, 2) for first, last in rests}
     if len(levels) >= STAIRCASE_LEVELS:
         found.add("staircase")
-    if "multisine" not in found and _strokes(values) >= LOOP_TURNS:
+    if "multisine" not in found and _strokes(values) >= LOOP_STROKES:
         found.add("triangle")
     return found
 
@@ -152,9 +154,18 @@ def _strokes(values: Array) -> int:
 
 
 def resting(values: Array) -> list[tuple[int, int]]:
-    """Return first and one past the last sample of each stretch of some samples in which a command rests."""
-    still = np.abs(np.diff(values)) <= STILL_CHANGE * float(np.ptp(values))
-    return [(first, last + 1) for first, last in stretches(still) if last - first >= STROKE_SAMPLES]
+    """Return first and one past the last sample of each stretch of some samples in which a command rests.
+
+    It does so from one sample to the next, and over a part of the record: a slow ramp has many samples.
+    """
+    allowed = STILL_CHANGE * float(np.ptp(values))
+    found = []
+    for first, last in stretches(np.abs(np.diff(values)) <= allowed):
+        far, part = min(len(values) // STRAIGHT_SAMPLES + 1, last - first), values[first : last + 1]
+        window = {"size": far + 1, "origin": -((far + 1) // 2)}  # from each sample on
+        spans = (maximum_filter1d(part, **window) - minimum_filter1d(part, **window))[: len(part) - far]
+        found += [(first + begin, first + end + far) for begin, end in stretches(spans <= allowed)]
+    return [(first, end) for first, end in found if end - first > STROKE_SAMPLES]
 
 
 def _octaves(values: Array) -> float:

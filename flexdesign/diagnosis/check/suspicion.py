@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexdesign.core import units
 from flexdesign.core.arrays import Array, Places
 from flexdesign.diagnosis.check.coverage import STEP_CHANGE, STILL_CHANGE
 from flexdesign.diagnosis.check.timing import timing_of
@@ -124,7 +125,7 @@ def _of_command(name: str, run: Run) -> list[Suspicion]:
             continue
         if (every := held_for(values)) > 1:
             rate = 1 / (every * run.period)
-            what = f"{column} changes at every {every}. sample only: it is held, at {rate:.5g} Hz"
+            what = f"{column} changes at every {every}. sample only: it is held, at {units.hertz(rate, 5)}"
             remedy = "" if run.between_is_stated else 'write between_samples = "hold" in measurements.toml'
             found.append(Suspicion(name, what, remedy))
         for end, remarks in ((values.max(), "largest"), (values.min(), "smallest")):
@@ -257,7 +258,8 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
         found.append(Suspicion(response.name, "nobody says how many averages it is the mean of", remedy))
     step = float(np.median(np.diff(response.frequencies)))
     if (sharp := _sharpest(response)) and sharp[1] < 3 * step:
-        what = f"its peak at {sharp[0]:.4g} Hz is {sharp[1]:.3g} Hz wide, its lines are {step:.3g} Hz apart"
+        peak, width, apart = units.hertz(sharp[0]), units.hertz(sharp[1], 3), units.hertz(step, 3)
+        what = f"its peak at {peak} is {width} wide, its lines are {apart} apart"
         found.append(Suspicion(response.name, what, "measure more lines about the peak: damping is read from them"))
     return found
 

@@ -20,7 +20,10 @@ from flexdesign.measurements.recordings.time_base import fit_grid
 
 #: Names of scalars that are a sampling rate in Hz, or the time between samples in s.
 RATES = ("fs", "fsamp", "rate", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency", "abtastrate")
-PERIODS = ("ts", "dt", "tsample", "sampletime", "samplingtime", "sampleinterval", "samplinginterval", "abtastzeit")
+PERIODS = (
+    "ts", "dt", "tsample", "tinterval", "sampletime", "samplingtime", "sampleinterval", "samplinginterval",
+    "abtastzeit",
+)  # fmt: skip
 #: The same in lines above a table: the words, the number, its unit.
 _PHRASES = re.compile(
     r"(sampl\w*[ _]*(?:rate|freq\w*)|abtastrate|\bfs\b)\W*([0-9.,eE+-]+)\W*([kM]?Hz|[kM]?S/s)?|"
@@ -110,7 +113,9 @@ def guess(contents: Contents) -> Guess:
         raise InputError(contents.paths[0], "", None, remedy)
     is_complex = [name for name, variable in arrays.items() if variable.is_complex]
     if is_complex:
-        return _complex_response(contents, arrays, is_complex[0])
+        return _complex_response(
+            contents, arrays, max(is_complex, key=lambda n: "transfer" in roles.classes(_short(n)))
+        )
     lines = {name: roles.line_of(_label(name, v), header_cells.si_of(v.unit)) for name, v in arrays.items()}
     shapes = ({"f", "magnitude", "phase"}, {"f", "re", "im"})
     remark = set(lines.values())
@@ -192,7 +197,8 @@ def _time(arrays: Mapping[str, Variable], found: Mapping[str, Role]) -> str:
         return ""
     unknown = [n for n, v in arrays.items() if not v.unit and "count" not in roles.classes(_label(n, v)) and _rises(v)]
     is_only = len(arrays) > 2 and len(unknown) == 1
-    return unknown[0] if is_only and not _counts(arrays[unknown[0]]) else ""
+    is_count = is_only and bool((np.diff(arrays[unknown[0]].values().ravel()) == 1).all())
+    return unknown[0] if is_only and not is_count else ""
 
 
 def _rises(variable: Variable) -> bool:
@@ -200,10 +206,6 @@ def _rises(variable: Variable) -> bool:
     if len(values) < 3 or not np.isfinite(values).all() or not (np.diff(values) > 0).all():
         return False
     return fit_grid(values) is not None
-
-
-def _counts(variable: Variable) -> bool:
-    return bool((np.diff(variable.values().ravel()) == 1).all())
 
 
 def _choose(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], list[str]]:
@@ -312,14 +314,14 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
 def _frequency(name: str, arrays: Mapping[str, Variable], questions: list[str]) -> Column:
     if not name:
         questions.append("which variable is the frequency f")
-        return Column("f", "", "?")
+        return Column("f", "", "?", remark="Hz?")
     if "angular" in roles.classes(_label(name, arrays[name])) and not arrays[name].unit and name.isidentifier():
         remark = "an angular frequency, by its name"
         return Column("f", "", "Hz", f"{name} / (2 * pi)", variables={name: "rad/s"}, remark=remark)
     if arrays[name].unit:
         return Column("f", name)
     questions.append(f"the unit of {_phrase(name)}, the frequency f (Hz?)")
-    return Column("f", name, "?")
+    return Column("f", name, "?", remark="Hz?")
 
 
 def _real_response(contents: Contents, arrays: Mapping[str, Variable], lines: Mapping[str, str]) -> Guess:

@@ -42,6 +42,7 @@ phase: phase phasengang phasenwinkel fase phi
 re: re real realteil reel reelle
 im: im imag imaginary imaginaer imaginar imaginarteil imaginaire
 coherence: coherence coh koharenz kohaerenz coherencia cohe
+transfer: h frf tf transfer response ubertragung uebertragungsfunktion
 count: index idx sample samples nr no number point points count punkt row zeile n lfd datum date
 """
 

@@ -43,7 +43,7 @@ def _length(each: Recorded) -> list[str]:
     if each.band:
         low, high = each.band
         return [f"{each.samples} lines", f"{units.significant(low, 4)} to {units.significant(high, 4)} Hz"]
-    return [f"{units.significant(each.seconds, 4)} s, {each.samples} samples", f"{units.significant(each.rate, 5)} Hz"]
+    return [f"{units.significant(each.seconds, 4)} s, {each.samples} samples", units.hertz(each.rate, 5)]
 
 
 def _channel(channel: Channel) -> str:

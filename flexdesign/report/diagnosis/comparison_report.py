@@ -289,7 +289,7 @@ def _noise_remarks(comparison: Comparison) -> list[str]:
     if comparison.noise.lines:
         lines = words.join_names(
             [
-                f"{line.frequency:.4g} Hz ({words.error(comparison.response, line.amplitude, 2)})"
+                f"{units.hertz(line.frequency)} ({words.error(comparison.response, line.amplitude, 2)})"
                 for line in comparison.noise.lines
             ]
         )

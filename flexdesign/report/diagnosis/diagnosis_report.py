@@ -150,7 +150,7 @@ def noise_text(noise: NoiseFloor, noise_floor: float, si: str) -> list[str]:
         first = f"{value} rms, from {noise.source}{known}."
     remarks = [f"{remark[:1].upper()}{remark[1:]}." for remark in noise.remarks]
     if noise.lines:
-        lines = [f"{line.frequency:.4g} Hz ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
+        lines = [f"{units.hertz(line.frequency)} ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
         remarks.insert(
             0, f"Where it should be quiet, the response swings at {words.join_names(lines)}; this is no noise."
         )

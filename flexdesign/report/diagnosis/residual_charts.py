@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import units
 from flexdesign.diagnosis.comparison import holds
 from flexdesign.diagnosis.preparation.frequencies import cross_spectra
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
@@ -116,7 +117,7 @@ def spectrum(traces: Sequence[Trace], noise: Sequence[Array], frequencies: Array
         axes.loglog(frequencies[seen], np.sqrt(values[seen]), color=colour, label=label, **style)
     axes.axvline(mode, color=NEUTRAL, linewidth=0.9, alpha=0.7)
     axes.annotate(
-        f"mode, {mode:.4g} Hz", (mode, 1.0), (4, -9), color=NEUTRAL, fontsize=8.5,
+        f"mode, {units.hertz(mode)}", (mode, 1.0), (4, -9), color=NEUTRAL, fontsize=8.5,
         xycoords=("data", "axes fraction"), textcoords="offset points",
     )  # fmt: skip
     axes.set_xlim(frequencies[0], frequencies[-1])

@@ -57,7 +57,7 @@ def sentences(responses: Sequence[ResponseComparison], natural_frequency: float)
     bands = by_band(responses)
     if band := bands.dominant():
         near = band[0].lower <= natural_frequency < band[-1].upper
-        mode = f", where the main mode is ({natural_frequency:.4g} Hz)" if near else ""
+        mode = f", where the main mode is ({units.hertz(natural_frequency)})" if near else ""
         text.append(f"It fails mostly {words.place(bands, band)}{mode}: {words.percent(sum(p.share for p in band))}.")
     return text
 
