@@ -15,7 +15,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 import flexdesign as fd
 from flexdesign.diagnosis.check import coverage, suspicion, timing
 from flexdesign.diagnosis.check.suspicion import outliers
-from flexdesign.measurements.recordings import Run, write_run
+from flexdesign.measurements.recordings import FrequencyResponse, Run, write_run
 from flexdesign.report.diagnosis import check_report
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -51,7 +51,7 @@ def clean() -> list[Run]:
     return [run("a", multisine(1), reading(multisine(1), 1)), run("b", small, reading(small, 2), role="validate")]
 
 
-def said(*runs: Run) -> str:
+def said(*runs: Run | FrequencyResponse) -> str:
     return "\n".join(f"{s.recording}: {s.what} -> {s.remedy}" for s in fd.check(runs).suspicions)
 
 
@@ -288,6 +288,16 @@ def test_frequency_responses(tmp_path: Path, command_line: Callable[..., Any]) -
     text = " ".join(ended.stdout.split())
     assert "29 lines" in text and "10.00 to 290.0 Hz" in text
     assert "has no coherence" in text and "its lines are 10 Hz apart" in text
+
+
+def test_of_poor_lines_the_number_of_averages_is_asked_for_all_the_same() -> None:
+    """Without it the coherence tells nothing of the noise."""
+    f = np.arange(10.0, 300.0, 10.0)
+    poor = np.where(f < 60, 0.5, 1.0)
+    response = FrequencyResponse("sweep", f, 1e-6 / (1 - (f / 118) ** 2 + 0.2j * f / 118), coherence=poor)
+    text = said(response)
+    assert "17 % of its lines have a coherence below 0.8" in text and "write averages = ... for it" in text
+    assert "write averages" not in said(replace(response, averages=16))
 
 
 def test_a_static_table_that_goes_together_and_one_that_does_not(tmp_path: Path) -> None:

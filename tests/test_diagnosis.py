@@ -47,6 +47,7 @@ from flexdesign.estimation.uncertainty.identifiability import Estimate
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.noise_level.noise_floor import ADEQUATE, ERRORS
 from flexdesign.measurements.recordings import Run
+from flexdesign.report.diagnosis import diagnosis_text
 
 Array = NDArray[np.float64]
 Numbers = Mapping[str, float]
@@ -204,13 +205,14 @@ def concluded(
         mock.patch.object(FittedModel, "is_white", False),
     ):
         _, task = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
-        verdict, named = decide(about, task, course, left)
+        verdict, named, refusal = decide(about, task, course, left)
         ladder = [course.nominal, *course.levels_to(named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]
         stage = StageModel({"x": about.axis})
-        return reach_verdict(stage, about, course, left, verdict, ladder, (), moved, implied, None, {})
+        found = reach_verdict(stage, about, course, left, verdict, ladder, (), moved, implied, None, {})
+        return replace(found, refusal=refusal)
 
 
 def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estimate, ...]:
@@ -542,6 +544,20 @@ def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
     found = concluded(about, course, is_end_relevant=is_end_relevant)
     assert found.verdict == verdict
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
+    assert found.refusal == ("gain is at the end of what is plausible" if verdict == "unknown" else "")
+
+
+def test_why_possible_effects_are_not_named_is_said() -> None:
+    about = data()
+    first = fit(about, MUCH, MUCH)
+    found = judged(about, first, fit(about, 0.5 * MUCH, 0.5 * MUCH, [creep(about)]))
+    assert found.refusal == "less than twice what then remains is explained"
+    assert f"creep (50 %). It is not named, as {found.refusal}. To fit it" in diagnosis_text.possible(found)
+    found = judged(about, first, fit(about, 0.01 * MUCH, 0.01 * MUCH, [creep(about)]), is_better_smooth=True)
+    assert found.refusal == "smooth functions or a linear system explain as much in the place of effects"
+    # One that explains nothing of what the model is chosen by is none.
+    found = judged(about, first, fit(about, 0.5 * MUCH, 2.0 * MUCH, [creep(about)]))
+    assert (found.verdict, dict(found.possible_effects)) == ("unknown", {})
 
 
 @pytest.mark.parametrize(("end", "verdict"), [(0, "unknown"), (1, "effects-found")])

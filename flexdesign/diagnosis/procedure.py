@@ -118,11 +118,12 @@ def diagnose(
         if history.final.effects:
             history = history.with_final(restart_from_profiles(task, history.final))
         left = smooth_residual_model(data, task, history.final)
-        verdict, named = decide(data, task, history, left)
+        verdict, named, refusal = decide(data, task, history, left)
         determined, fixed = drop_undetermined(task, named)
         if {*determined.names} < {*named.names}:  # the others must still explain enough
             kept = replace(history, fits=history.levels_to(determined)[1:])
-            verdict, determined = decide(data, task, kept, left)
+            verdict, determined, _ = decide(data, task, kept, left)
+            refusal = refusal or "the 95 % interval of its strength holds its null"
         named = determined
         named, held = hold_undetermined(task, named)
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
@@ -138,6 +139,7 @@ def diagnose(
         found = reach_verdict(
             model, data, history, left, verdict, error_ladder, groups, beyond, implied_effects, alone, by_run
         )
+        found = replace(found, refusal=refusal)
         if verdict == "unknown" and is_better_linear(data, history.calibration, history.final):
             found = replace(found, remainder=f"{found.remainder}; {LINEAR_IS_BETTER}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))

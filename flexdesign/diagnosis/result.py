@@ -265,6 +265,8 @@ class Diagnosis(ModelResiduals):
         Largest peak-to-peak reading of a run, and what matters [response].
     undetermined
         The model's own numbers that these runs cannot show: they keep their design values.
+    refusal
+        Why the possible effects are not named, in words.
     """
 
     verdict: Verdict
@@ -284,3 +286,4 @@ class Diagnosis(ModelResiduals):
     stroke: float = 0.0
     tolerance: float = 0.0
     undetermined: tuple[str, ...] = ()
+    refusal: str = ""

@@ -42,8 +42,8 @@ from flexdesign.estimation.uncertainty.identifiability import intervals
 
 def decide(
     data: DiagnosisData, task: EstimationTask, history: SelectionHistory, left: SparseModel
-) -> tuple[Verdict, FittedModel]:
-    """Return the verdict, and the fit whose effects are named.
+) -> tuple[Verdict, FittedModel, str]:
+    """Return the verdict, the fit whose effects are named, and why those of the last fit are not; empty if they are.
 
     In an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
     last one that is named, in mean squares: of a large and certain share one may speak, whatever else the model lacks.
@@ -53,16 +53,22 @@ def decide(
     """
     every = history.levels
     if is_adequate(data, history.final, left) and not relevant_ends(task, history.final):
-        return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibration)
+        return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
+    refusals = []
     for named in range(len(every) - 1, 0, -1):
-        is_large = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
-        is_at_limit = any(is_end_relevant(task, every[named], name) for name in _limits(every[named]))
-        is_plausible = not is_at_limit and not relevant_ends(task, every[named])
-        if is_large and is_plausible and not is_better_without_physics(data, task, every[0], every[named]):
-            return "effects-found", every[named]
-    return "unknown", history.calibration
+        fit = every[named]
+        at_end = [*relevant_ends(task, fit), *(name for name in _limits(fit) if is_end_relevant(task, fit, name))]
+        if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
+            refusals.append("less than twice what then remains is explained")
+        elif at_end:
+            refusals.append(f"{_in_words(at_end)} is at the end of what is plausible")
+        elif is_better_without_physics(data, task, every[0], fit):
+            refusals.append("smooth functions or a linear system explain as much in the place of effects")
+        else:
+            return "effects-found", fit, next(iter(refusals), "")
+    return "unknown", history.calibration, next(iter(refusals), "")
 
 
 def reach_verdict(
@@ -114,6 +120,11 @@ def reach_verdict(
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied_effects if conflict.named))
         groups = (*groups, *(conflict.group for conflict in implied_effects if len(conflict.group) > 1))
+    unnamed = {
+        name: _share(data, history.levels, name, data.selecting, data.known_noise_rms)
+        for name in history.final.names
+        if name not in final.names
+    }
     return Diagnosis(
         verdict=verdict,
         axis=data.name,
@@ -121,11 +132,7 @@ def reach_verdict(
         model=model_of(model, data, final, values, implied_effects),
         effects=effects,
         confusable=groups,
-        possible_effects={
-            name: _share(data, history.levels, name, data.selecting, data.known_noise_rms)
-            for name in history.final.names
-            if name not in final.names
-        },
+        possible_effects={name: share for name, share in unnamed.items() if share > 0},
         candidates=_candidate_records(history.steps),
         error_ladder=rungs,
         calibration=tuple(values[name] for name in own_numbers(final)),
@@ -179,13 +186,16 @@ def _confidence(
             "wrong for them"
         )
     if (ends := _own_ends(final)) and (final.effects or not history.is_refused):
-        *others, last = [name.replace("_", " ").replace(".", ": ") for name in ends]
-        names = f"{', '.join(others)} and {last}" if others else last
         remarks.append(
-            f"{names} of the model ended at the limit of what is plausible: its structure may be wrong for "
+            f"{_in_words(ends)} of the model ended at the limit of what is plausible: its structure may be wrong for "
             "these runs, or they do not show it"
         )
     return "; ".join(remarks)
+
+
+def _in_words(names: Sequence[str]) -> str:
+    *others, last = [name.replace("_", " ").replace(".", ": ") for name in names]
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _own_ends(fit: FittedModel) -> list[str]:

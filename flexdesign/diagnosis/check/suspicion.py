@@ -251,9 +251,9 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
         remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))
     elif (share := float(np.mean(response.coherence < COHERENT_LINE))) > 0.1:
-        what = f"{share:.0%} of its lines have a coherence below {COHERENT_LINE:g}"
+        what = f"{100 * share:.0f} % of its lines have a coherence below {COHERENT_LINE:g}"
         found.append(Suspicion(response.name, what, "average longer, or drive harder"))
-    elif response.averages is None:
+    if response.coherence is not None and response.averages is None:
         remedy = "write averages = ... for it in measurements.toml: with the coherence it determines the noise"
         found.append(Suspicion(response.name, "nobody says how many averages it is the mean of", remedy))
     step = float(np.median(np.diff(response.frequencies)))

@@ -134,13 +134,13 @@ def _mechanics(first: AxisModel) -> list[Parameter]:
     low, high = sorted((0.1 * first.gain, 10 * first.gain))
     made = [
         _frequency("natural_frequency", "natural frequency of the main mode", first.natural_frequency),
-        _damping("damping_ratio", "damping ratio of the main mode"),
+        _damping("damping_ratio", "damping ratio of the main mode", first.damping_ratio),
         Parameter("gain", si, unit, "response per voltage, before hysteresis", plausible=(low, high)),
     ]
     for i, mode in enumerate(first.modes, start=1):
         made += [
             _frequency(f"modes.{i}.frequency", "natural frequency of a further mode", mode.frequency),
-            _damping(f"modes.{i}.damping_ratio", "damping ratio of a further mode"),
+            _damping(f"modes.{i}.damping_ratio", "damping ratio of a further mode", mode.damping_ratio),
             Parameter(f"modes.{i}.share", "1", "%", "part of the static response", 0.0, plausible=(-1.0, 1.0)),
         ]
     return made
@@ -179,8 +179,8 @@ def _frequency(name: str, meaning: str, value: float) -> Parameter:
     return Parameter(name, "Hz", "Hz", meaning, plausible=(value / 3, 3 * value), scale="log")
 
 
-def _damping(name: str, meaning: str) -> Parameter:
-    return Parameter(name, "1", "", meaning, plausible=(1e-4, 2.0), scale="log")
+def _damping(name: str, meaning: str, value: float) -> Parameter:
+    return Parameter(name, "1", "", meaning, plausible=(1e-4, max(2.0, 3 * value)), scale="log")
 
 
 def _power(base: str, si: str) -> int:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexdesign.core.model import parameter_of
-from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, WORSE
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, WORSE
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -112,14 +112,19 @@ def relevant_ends(task: EstimationTask, fit: FittedModel) -> list[str]:
 
 
 def is_end_relevant(task: EstimationTask, fit: FittedModel, name: str) -> bool:
-    """Tell whether a number a factor e from the end of its range predicts otherwise, by the tolerance or more."""
+    """Tell whether a number a factor e from the end of its range predicts otherwise, by the tolerance or more.
+
+    Where a residual remains, a change by less than the stated share of it, in squares, is none either.
+    """
     where = fit.solution.problem.where
     j = where.names.index(name)
     if where.parameters[j].scale != "log":
         return True
     inside = fit.solution.x[j] + (1.0 if math.isclose(fit.solution.x[j], where.lower[j], rel_tol=1e-6) else -1.0)
     after = fit.model.replace({name: value(where.parameters[j], inside)})
-    return largest_difference(task, fit.model, after) >= task.tolerance
+    scored = task.scored or task.validate.names or task.identify.names
+    unexplained = fit.rms(scored, task.scales) if fit.exceeds_noise else 0.0
+    return largest_difference(task, fit.model, after) >= max(task.tolerance, math.sqrt(SHARE) * unexplained)
 
 
 def _is_open(fit: FittedModel, name: str, default: float) -> bool:

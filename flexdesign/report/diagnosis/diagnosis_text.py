@@ -80,13 +80,11 @@ def possible(diagnosis: Diagnosis) -> str:
     """Return the effects that may be there without being certain, what each explains, and how it is fitted."""
     names = words.join_names([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in diagnosis.possible_effects)
-    each = "each of them" if len(diagnosis.possible_effects) > 1 else "it"
+    is_one = len(diagnosis.possible_effects) == 1
+    refusal = f" {'It is' if is_one else 'They are'} not named, as {diagnosis.refusal}." if diagnosis.refusal else ""
     return (
-        f"Possible, but not certain, with the explained share of what calibration leaves: {names}. An effect is named "
-        "if it explains twice what then remains, if its 95 % interval excludes its null, if next to it no number of "
-        "the model, such as the gain, ends at a limit, and if neither smooth functions nor a linear system explain "
-        "more in its place. "
-        f"To fit {each} all the same: {lines}."
+        f"Possible, but not certain, with the explained share of what calibration leaves: {names}.{refusal} "
+        f"To fit {'it' if is_one else 'each of them'} all the same: {lines}."
     )
 
 
