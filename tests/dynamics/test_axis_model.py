@@ -393,3 +393,11 @@ def test_an_axis_takes_its_own_columns() -> None:
     del columns["ux"]
     with pytest.raises(InputError, match="no command of axis x; there is uy"):
         of_axis(seen, "x", PLAIN)
+
+
+def test_the_plausible_range_of_a_damping_ratio_holds_that_of_the_model() -> None:
+    """Of an overdamped axis a fit that began at the end of the range would be worse than the design."""
+    for damping_ratio in (0.02, 2.5, 40.0):
+        dynamics = AxisDynamics("x", AxisModel(1.0, damping_ratio, 1e-6), 100.0)
+        (low, high) = next(p.plausible for p in dynamics.parameters() if p.name == "damping_ratio")
+        assert low < damping_ratio < high
