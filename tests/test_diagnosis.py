@@ -21,6 +21,7 @@ from scipy.signal import lfilter, lsim
 
 from flexdesign import effects
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import parameter_of
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis import verdict as judgement
 from flexdesign.diagnosis.effect_selection.candidates import candidates
@@ -30,7 +31,7 @@ from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
 from flexdesign.diagnosis.remainder import BasisFunctions, is_adequate, remainder
-from flexdesign.diagnosis.result import SelectionHistory
+from flexdesign.diagnosis.result import SelectionHistory, Value
 from flexdesign.diagnosis.verdict import LARGE, decide, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
@@ -545,6 +546,14 @@ def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
     assert found.verdict == verdict
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
     assert found.refusal == ("gain is at the end of what is plausible" if verdict == "unknown" else "")
+
+
+def test_an_interval_of_all_that_is_plausible_is_none() -> None:
+    about = parameter_of(AxisDynamics("x", data().axis, 100.0), "damping_ratio")
+    low, high = about.plausible
+    for interval, text in (((low, high), "(not determined)"), ((0.019, 0.021), "(95 %: 0.01900 to 0.02100)")):
+        said = diagnosis_text.quantity(Value(about, 0.02, interval), short=True)
+        assert said.startswith("damping_ratio 0.02") and said.endswith(text)
 
 
 def test_why_possible_effects_are_not_named_is_said() -> None:

@@ -143,9 +143,12 @@ def remedy(residuals: ModelResiduals, name: str) -> str:
 
 
 def quantity(value: Value, *, short: bool = False) -> str:
-    """Return a number with its 95 % interval."""
+    """Return a number with its 95 % interval; one with an interval of all that is plausible is not determined."""
     estimate = estimate_of(value)
     name = value.parameter.name.rpartition(".")[2] if short else value.parameter.name
+    low, high = value.parameter.plausible
+    if value.interval[0] <= low and value.interval[1] >= high:
+        return f"{name} {estimate.value_text} (not determined)"
     return f"{name} {estimate.value_text} (95 %: {estimate.interval_text})"
 
 
