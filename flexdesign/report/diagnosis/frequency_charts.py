@@ -46,6 +46,15 @@ class Line(NamedTuple):
     dots: bool = False
 
 
+def _phase(line: Line, smooth: Line) -> NDArray[np.float64]:
+    """Return the phase [deg], continuous in a smooth line, and of dots that next to it: noise has no continuous one."""
+    phase = np.degrees(np.unwrap(np.angle(smooth.response)))
+    expected = np.interp(line.frequencies, smooth.frequencies, phase)
+    own = np.degrees(np.angle(line.response) if line.dots else np.unwrap(np.angle(line.response)))
+    turns = np.round((own - expected) / 360.0)
+    return own - 360.0 * (turns if line.dots else turns[0])
+
+
 def measured_bode(lines: Sequence[Line], coherence: NDArray[np.float64] | None, unit: str) -> bytes:
     """Draw frequency responses over the logarithm of frequency: magnitude, phase, and coherence where it is known.
 
@@ -62,8 +71,7 @@ def measured_bode(lines: Sequence[Line], coherence: NDArray[np.float64] | None, 
     for index, line in enumerate(lines):
         style = {"marker": ".", "markersize": 4, "linestyle": ""} if line.dots else {"linewidth": 1.6}
         colour = NEUTRAL if line.dots else COLOURS[(index - 1) % len(COLOURS)]
-        phase = np.degrees(np.unwrap(np.angle(line.response)))
-        phase -= 360.0 * np.round((phase[0] - np.degrees(np.angle(lines[0].response[0]))) / 360.0)
+        phase = _phase(line, lines[-1])
         axes[0].plot(line.frequencies, np.abs(line.response), color=colour, label=line.label, **style)
         axes[1].plot(line.frequencies, phase, color=colour, **style)
     _logarithmic(axes[0])
@@ -176,10 +184,14 @@ def _panels(count: int, height: float) -> tuple[Any, list[Any]]:
 
 
 def _logarithmic(axes: Any) -> None:
-    """Scale the ordinate, with plain numbers at 1, 2 and 5: a resonance may span less than a decade."""
+    """Scale the ordinate, with plain numbers at 1, 2 and 5: a resonance may span less than a decade.
+
+    Of more than three decades only these are numbered: there is no room for more.
+    """
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
