@@ -134,7 +134,7 @@ def test_a_difference_within_the_uncertainty_says_nothing():
 @pytest.mark.parametrize(
     "kind",
     ["none", "over_cut", "modulus", "base_compliance", "contact_stiffness", "input_restraint", "output_load",
-     "outside: other offset"],
+     pytest.param("outside: other offset", marks=pytest.mark.slow)],
 )  # fmt: skip
 def test_what_is_hidden_in_independent_tables_is_found(kind, number):
     given = case(number, kind)

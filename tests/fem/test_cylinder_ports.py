@@ -49,8 +49,10 @@ def study_of(folder: Path, extra: str = "", *, pieces: int = 1) -> studies.Study
     return studies.read(folder / "bush.toml")
 
 
-@pytest.mark.parametrize("interface", ["traction", "rigid"])
-@pytest.mark.parametrize("layers", [True, False])
+@pytest.mark.parametrize(("layers", "interface"), [
+    (True, "rigid"), (False, "traction"),
+    pytest.param(True, "traction", marks=pytest.mark.slow), pytest.param(False, "rigid", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_bush_in_torsion_is_as_stiff_as_its_closed_form(tmp_path: Path, interface: str, *, layers: bool) -> None:
     """Circles turn as wholes, with shear alone, which free ends leave as it is: k = 4 pi G t / (1 / a^2 - 1 / b^2).
 
