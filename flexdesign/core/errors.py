@@ -58,6 +58,15 @@ def import_remedy(error: BaseException) -> str:
     return f"imports from {error.name} what is not there; write {words}"
 
 
+def join_names(names: Sequence[str], last: str = "and") -> str:
+    """Write names as a sentence lists them.
+
+    >>> join_names(["a", "b", "c"], "or")
+    'a, b or c'
+    """
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
 def shorten(text: str, longest: int) -> str:
     """Return a text, or its beginning and its end where it is longer than it may be.
 

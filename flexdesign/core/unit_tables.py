@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import parquet, units
-from flexdesign.core.errors import InputError
+from flexdesign.core.errors import InputError, join_names
 from flexdesign.core.whole_files import written_whole
 
 Array = NDArray[np.float64]
@@ -106,8 +106,7 @@ class Sheet:
         message = [f"{s[0]}" if len(s) == 1 else f"{s[0]} to {s[-1]}" for s in stretches[:NAMED]]
         if more := len(stretches) - len(message):
             message.append(f"{more} more stretches" if more > 1 else "one more stretch")
-        listed = message[0] if len(message) == 1 else f"{', '.join(message[:-1])} and {message[-1]}"
-        return f"{self.counted}{'s' if len(lines) > 1 else ''} {listed}"
+        return f"{self.counted}{'s' if len(lines) > 1 else ''} {join_names(message)}"
 
     def cell_error(self, row: int, column: str, value: object, remedy: str) -> InputError:
         """Return the error that names one cell, by the line of the file it stands in."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexdesign.core import units
+from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, Part
 from flexdesign.dynamics.stage_model import ResponseUnits
 
@@ -209,15 +210,6 @@ def _suitable_text(response: str, value: float, usual: str, digits: int) -> str:
 def percent(share: float) -> str:
     """Write a share with two digits; a dash where there is none."""
     return f"{units.significant(100 * share, 2)} %" if math.isfinite(share) else "–"
-
-
-def join_names(names: Sequence[str], last: str = "and") -> str:
-    """Write names as a sentence lists them.
-
-    >>> join_names(["a", "b", "c"], "or")
-    'a, b or c'
-    """
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def not_added(subject: str, reason: str) -> str:

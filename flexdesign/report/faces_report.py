@@ -11,7 +11,7 @@ import numpy as np
 
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.toml_files import FORMAT, quote
-from flexdesign.design.faces import SolidFace, how_to_name, in_mm, on_axis
+from flexdesign.design.faces import PORT_KINDS, SolidFace, how_to_name, in_mm, on_axis
 from flexdesign.design.step_file import StepBody
 from flexdesign.fem.meshing.surface import Surface, surface_of, triangle_areas
 from flexdesign.fem.meshing.thin_regions import ThinRegions
@@ -19,7 +19,6 @@ from flexdesign.report import pictures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import Picture, draw_or_explain
 
-KINDS = ("plane", "cylinder")
 #: Faces that a terminal and the picture show.
 MOST = 20
 CAPTION = "The solid, with the numbers of its largest planes and cylinders that are seen from here"
@@ -29,7 +28,7 @@ def table(faces: Sequence[SolidFace]) -> Table:
     """Return plane and cylindrical faces, the largest first."""
     rows = []
     for face in sorted(faces, key=lambda f: -f.area):
-        if face.kind not in KINDS:
+        if face.kind not in PORT_KINDS:
             continue
         shape = face.kind if face.kind == "plane" else f"cylinder, R {1e3 * face.radius:.4g} mm"
         way = face.normal if face.kind == "plane" else face.axis or face.normal
@@ -50,7 +49,7 @@ def table(faces: Sequence[SolidFace]) -> Table:
 
 def brief(faces: Sequence[SolidFace]) -> Table:
     """Return the largest faces for a terminal that a port may be."""
-    known = sorted((face for face in faces if face.kind in KINDS), key=lambda f: -f.area)
+    known = sorted((face for face in faces if face.kind in PORT_KINDS), key=lambda f: -f.area)
     rows = [
         [str(face.index + 1), f"{1e6 * face.area:.4g}", f"{1e3 * face.radius:.4g}" if face.axis else "plane",
          ", ".join(f"{round(x, 2) + 0.0:g}" for x in face.axis or face.normal),
@@ -66,7 +65,7 @@ def document(
     path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
 ) -> Document:
     """Return the report, with a picture where it can be drawn."""
-    others = sum(face.kind not in KINDS for face in faces)
+    others = sum(face.kind not in PORT_KINDS for face in faces)
     summary = [
         f"One solid of {body.solid.Volume():.6g} mm³ with {len(faces)} faces, {others} of them neither plane nor "
         f"cylindrical; the file is in {body.unit.lower() or 'no stated unit'}.",
@@ -85,7 +84,7 @@ def _sections(
         surface = surface_of(body.solid, 1e-3 * size)
         points = surface.corners.reshape(-1, 3)
         cells = np.arange(len(points)).reshape(-1, 3)
-        known = sorted((face for face in faces if face.kind in KINDS), key=lambda f: -f.area)[:MOST]
+        known = sorted((face for face in faces if face.kind in PORT_KINDS), key=lambda f: -f.area)[:MOST]
         labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in known]
         picture = Picture("faces.png", points, cells, view="oblique", labels=labels)
         return [Figure("faces.png", pictures.draw([picture])["faces.png"], CAPTION)], []

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexdesign.core import units
+from flexdesign.core.errors import join_names
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Compared, Simulation
 from flexdesign.report import charts
-from flexdesign.report.comparison_text import join_names
 from flexdesign.report.document import Figure, Section, Table
 
 #: Measures in words, in the order of tables.

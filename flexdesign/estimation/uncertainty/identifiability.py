@@ -14,6 +14,7 @@ import numpy as np
 
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
+from flexdesign.core.errors import join_names
 from flexdesign.core.model import Parameter
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, refine_minimum, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, value
@@ -175,7 +176,7 @@ class _Check:
     def confounded(self, group: list[int], direction: Array) -> str:
         """Return a sentence on parameters that replace one another along a direction."""
         names = [self.names[i] for i in group]
-        listed = f"{', '.join(names[:-1])} and {names[-1]}"
+        listed = join_names(names)
         relation = self._relation(*group) if len(group) == 2 else ""
         if relation:
             return f"{listed}: only their {relation} shows in these runs"

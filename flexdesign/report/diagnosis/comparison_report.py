@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core import units, versions
+from flexdesign.core.errors import join_names
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison
 from flexdesign.diagnosis.comparison.compare import reversal_question
@@ -287,7 +288,7 @@ def _noise_remarks(comparison: Comparison) -> list[str]:
             0, f"The noise floor is known to {words.percent(comparison.noise.relative_error)} (one standard error)."
         )
     if comparison.noise.lines:
-        lines = words.join_names(
+        lines = join_names(
             [
                 f"{units.hertz(line.frequency)} ({words.error(comparison.response, line.amplitude, 2)})"
                 for line in comparison.noise.lines

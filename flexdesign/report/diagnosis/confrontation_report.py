@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from flexdesign import effects
+from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.confrontation import Confronted
 from flexdesign.diagnosis.result import Value
 from flexdesign.report import comparison_text as words
@@ -24,7 +25,7 @@ def ladder_table(found: Confronted) -> Table:
 
 def summary(found: Confronted) -> list[str]:
     """Return by how much the model misses the runs that judge, and where it fails."""
-    names = words.join_names([said.effect_name(name) for name in found.effects]) if found.effects else ""
+    names = join_names([said.effect_name(name) for name in found.effects]) if found.effects else ""
     which = f"With {names} the" if names else "The"
     error, noise_floor = (words.error(said.response(found), value) for value in (found.error, found.noise_floor))
     times = f"{found.ratio:.3g} times the noise floor ({noise_floor})" if found.noise.known else "the noise is unknown"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core import units, versions
+from flexdesign.core.errors import join_names
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.experiment_design import Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import Proposal
@@ -151,9 +152,7 @@ def noise_text(noise: NoiseFloor, noise_floor: float, si: str) -> list[str]:
     remarks = [f"{remark[:1].upper()}{remark[1:]}." for remark in noise.remarks]
     if noise.lines:
         lines = [f"{units.hertz(line.frequency)} ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
-        remarks.insert(
-            0, f"Where it should be quiet, the response swings at {words.join_names(lines)}; this is no noise."
-        )
+        remarks.insert(0, f"Where it should be quiet, the response swings at {join_names(lines)}; this is no noise.")
     return [first, *remarks]
 
 
@@ -182,7 +181,7 @@ def _model_name(diagnosis: Diagnosis) -> str:
     names = [prose.effect_name(named.name) for named in diagnosis.effects] or [
         prose.effect_name(name) for name in diagnosis.possible_effects
     ]
-    return f"with {words.join_names(names)}"
+    return f"with {join_names(names)}"
 
 
 def _ladder_text(diagnosis: Diagnosis) -> list[str]:
@@ -295,10 +294,8 @@ def _numbers_text(diagnosis: Diagnosis) -> list[str]:
 def _how(diagnosis: Diagnosis) -> list[str]:
     seen = [each.name for each in _every(diagnosis) if each.role == "identify"]
     validation_runs = [each.name for each in _every(diagnosis) if each.role == "validate"]
-    text = f"Fitted: {words.join_names(seen)}."
-    text += (
-        f" Validation: {words.join_names(validation_runs)}." if validation_runs else " There are no validation runs."
-    )
+    text = f"Fitted: {join_names(seen)}."
+    text += f" Validation: {join_names(validation_runs)}." if validation_runs else " There are no validation runs."
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
     return [
         text,

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from flexdesign import effects
 from flexdesign.core import units
+from flexdesign.core.errors import join_names
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.experiment_design import Resolved
@@ -78,7 +79,7 @@ def _remains(diagnosis: Diagnosis) -> str:
 
 def possible(diagnosis: Diagnosis) -> str:
     """Return the effects that may be there without being certain, what each explains, and how it is fitted."""
-    names = words.join_names([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
+    names = join_names([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in diagnosis.possible_effects)
     is_one = len(diagnosis.possible_effects) == 1
     refusal = f" {'It is' if is_one else 'They are'} not named, as {diagnosis.refusal}." if diagnosis.refusal else ""
@@ -95,7 +96,7 @@ def refused(diagnosis: Diagnosis) -> str:
     if not near:
         return ""
     each = "; ".join(
-        f"{words.join_names([effect_name(name) for name in tried.names])}, {words.percent(tried.share)} of what "
+        f"{join_names([effect_name(name) for name in tried.names])}, {words.percent(tried.share)} of what "
         f"calibration leaves on the validation runs ({tried.outcome.replace('_', ' ').replace('.', ': ')})"
         for tried in near
     )
@@ -110,7 +111,7 @@ def undetermined(diagnosis: Diagnosis) -> str:
 
     Where these predict the validation runs worse, fitted values stay, without an interval.
     """
-    names = words.join_names([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
+    names = join_names([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
     return f"These runs do not determine {names}; held at values of the design, of the catalogue or of a fit."
 
 
@@ -125,7 +126,7 @@ def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
         sentences += f", the mean over runs; it differs from run to run, {_range_over_runs(named)}"
     if named.values:
         others = _added_together(diagnosis, named.name)
-        it = f"Together with {words.join_names([effect_name(other) for other in others])} it" if others else "It"
+        it = f"Together with {join_names([effect_name(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             sentences += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
     return f"{sentences}. What to do about it: {remedy(diagnosis, named.name)}."
@@ -215,7 +216,7 @@ def validated_on(runs: Sequence[Run | FrequencyResponse]) -> str:
     for role, kind in (("test", "test"), ("validate", "validation")):
         validation_runs = [run.name.removesuffix(f":{role}") for run in runs if run.role == role]
         if validation_runs and any(isinstance(run, FrequencyResponse) for run in runs):
-            return f"the {kind} lines of {words.join_names(validation_runs)}"
+            return f"the {kind} lines of {join_names(validation_runs)}"
         if validation_runs:
             return (
                 f"the {len(validation_runs)} {kind} runs"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core import units, versions
+from flexdesign.core.errors import join_names
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.comparison import RunComparison
 from flexdesign.diagnosis.identify import Identification
@@ -128,14 +129,16 @@ def summary(identification: Identification) -> list[str]:
     """Return the answer in a few sentences."""
     seen = [run for run in identification.runs if run.role == "identify"]
     validation_runs = [run for run in identification.runs if run.role != "identify"]
-    text = f"{_listed([e.name for e in identification.estimates])} fitted to {_listed([run.name for run in seen])}: "
+    text = (
+        f"{join_names([e.name for e in identification.estimates])} fitted to {join_names([run.name for run in seen])}: "
+    )
     text += f"the residual is {_range(identification, seen)}"
     text += f"; of validation and test runs, {_range(identification, validation_runs)}." if validation_runs else "."
     sentences = [*identification.doubts, text, _compare_with_noise(identification)]
     if "bouc_wen" not in identification.before.axes[identification.axis].effects:
         sentences.append("The model has no hysteresis, and none was fitted.")
     if identification.held:
-        names, verb = _listed(list(identification.held)), "is" if len(identification.held) == 1 else "are"
+        names, verb = join_names(list(identification.held)), "is" if len(identification.held) == 1 else "are"
         sentences.append(
             f"{names} {verb} not determined by these runs but held; the intervals hold for the values held."
         )
@@ -290,7 +293,3 @@ def _range(identification: Identification, runs: list[RunComparison]) -> str:
     if len(runs) == 1:
         return f"{low} rms, {shares[0]:.2g} % of the span"
     return f"{low} to {high} rms, {shares[0]:.2g} to {shares[-1]:.2g} % of the span"
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -9,6 +9,7 @@ import numpy as np
 from flexdesign.analytic.static_model import Row
 from flexdesign.analytic.static_model.separability import Proposal
 from flexdesign.core import units
+from flexdesign.core.errors import join_names
 from flexdesign.core.model import PIEZO
 from flexdesign.diagnosis import Value
 from flexdesign.diagnosis.comparison.static_table import TableComparison
@@ -17,7 +18,6 @@ from flexdesign.diagnosis.static_tables.fit import Trial
 from flexdesign.effects import statics
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS, QUANTITIES
 from flexdesign.report import charts
-from flexdesign.report.comparison_text import join_names
 
 
 def effect_name(name: str) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flexdesign.core import units
+from flexdesign.core.errors import join_names
 from flexdesign.core.model import Quantity
 from flexdesign.fem import cross_axis_coupling
 from flexdesign.fem.cross_axis_coupling import CrossMotion
 from flexdesign.fem.quantities.stage_modes import ModeShares
-from flexdesign.report.comparison_text import join_names
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.validation.stage_text import Axes, measured_values, percent, share, written
 from flexdesign.report.wording import format_quantity
