@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexdesign.core.arrays import Array
+from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
@@ -56,19 +57,19 @@ def decide(
         return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
-    refusals = []
+    refusal = ""
     for named in range(len(every) - 1, 0, -1):
         fit = every[named]
-        at_end = [*relevant_ends(task, fit), *(name for name in _limits(fit) if is_end_relevant(task, fit, name))]
         if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
-            refusals.append("less than twice what then remains is explained")
-        elif at_end:
-            refusals.append(f"{_in_words(at_end)} is at the end of what is plausible")
+            reason = "less than twice what then remains is explained"
+        elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
+            reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
         elif is_better_without_physics(data, task, every[0], fit):
-            refusals.append("smooth functions or a linear system explain as much in the place of effects")
+            reason = "smooth functions or a linear system explain as much in the place of effects"
         else:
-            return "effects-found", fit, next(iter(refusals), "")
-    return "unknown", history.calibration, next(iter(refusals), "")
+            return "effects-found", fit, refusal
+        refusal = refusal or reason  # that of the last fit
+    return "unknown", history.calibration, refusal
 
 
 def reach_verdict(
@@ -194,8 +195,7 @@ def _confidence(
 
 
 def _in_words(names: Sequence[str]) -> str:
-    *others, last = [name.replace("_", " ").replace(".", ": ") for name in names]
-    return f"{', '.join(others)} and {last}" if others else last
+    return join_names([name.replace("_", " ").replace(".", ": ") for name in names])
 
 
 def _own_ends(fit: FittedModel) -> list[str]:
@@ -253,8 +253,9 @@ def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
     where = fit.solution.problem.where
     present = where.values(fit.solution.x)
     names, strengths = [p.name for p in where.parameters if not p.run], {effect.strength for effect in fit.effects}
-    found = [each for name in names if name in strengths for each in intervals(fit.solution, [name])]
-    found += intervals(fit.solution, [name for name in names if name not in strengths])
+    alone = (intervals(fit.solution, [name])[0] for name in names if name in strengths)
+    together = intervals(fit.solution, [name for name in names if name not in strengths])
+    found = sorted((*alone, *together), key=lambda e: names.index(e.name))
     values = {e.name: e.value if is_fitted and e.value is not None else present[e.name] for e in found}
     return {e.name: Value(e.parameter, values[e.name], e.interval or e.parameter.plausible) for e in found}
 
