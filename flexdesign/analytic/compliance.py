@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.analytic import frame
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term, by_key
 from flexdesign.design.materials import Material
@@ -27,7 +27,6 @@ from flexdesign.design.part import Piece, Port
 from flexdesign.effects import statics
 from flexdesign.effects.hinge_compliance import beam
 
-Array = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]
 TermWithValues = tuple[Term, tuple[tuple[str, float], ...]]
 SOURCE = "compliance model"

@@ -21,12 +21,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Linkage, Member
 from flexdesign.core.model.linkage import Vector
-
-Array = NDArray[np.float64]
 
 
 class Mechanism(ValueError):

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.analytic.compliance import ComplianceModel
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Elastic, Member
 from flexdesign.effects.hinge_compliance import beam
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 #: Pieces of a hinge: with this number, the elastica of a parallelogram is met to 0.03 % at half its length.
 PIECES = 12

@@ -21,15 +21,14 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Elastic, Linkage, Member, Quantity
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Port
 from flexdesign.design.sketch import Drawing, polygons
 from flexdesign.effects.hinge_compliance import beam
 
-Array = NDArray[np.float64]
 SOURCE = "rigid bodies and beams, Lagrange's equations"
 #: Frequencies that differ by less than this, relative, are one.
 SAME_FREQUENCY = 1e-6

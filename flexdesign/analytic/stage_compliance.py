@@ -28,17 +28,16 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from flexdesign.analytic import compliance, frame
 from flexdesign.analytic.compliance import SOURCE, ComplianceModel, Effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.design.assembly import Assembly, Element
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Port
 from flexdesign.effects import statics
 
-Array = NDArray[np.float64]
 #: Length [m] that makes rotations comparable with motions, and forces with moments.
 ARM = 0.01
 #: A compliance below this fraction of the largest one is rigid.

@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects as catalogue
 from flexdesign.api.models import read_model
 from flexdesign.api.recordings import Recordings, read_recordings
 from flexdesign.api.result import Result
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import confrontation
@@ -28,7 +28,6 @@ from flexdesign.report.diagnosis import addition_report, confrontation_report, d
 from flexdesign.report.document import Document
 
 Progress = Callable[[str], None]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

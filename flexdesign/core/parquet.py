@@ -7,12 +7,11 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import extras
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 
-Array = NDArray[np.float64]
 #: The ending of files that are read and written as Parquet.
 SUFFIX = ".parquet"
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import parquet, units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, join_names
 from flexdesign.core.whole_files import written_whole
 
-Array = NDArray[np.float64]
 #: What a column may measure if nothing is known about it from its name.
 ANY = ("m", "V", "s", "A", "N", "K", "Hz", "rad", "m/s", "m/s^2", "V/s", "Pa", "1")
 #: Temperatures do not count from zero: unit -> what has to be added to get K.

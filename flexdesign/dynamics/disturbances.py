@@ -11,15 +11,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import OTHER, Disturbance
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.simulate import TOLERANCE, Loop, Response, simulate
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements.recordings import AXES
 
-Array = NDArray[np.float64]
 #: Not more runs than these: each leaves of the change before no more than the share that one axis shows of another.
 MOST_RUNS = 8
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Controller, Socket
 from flexdesign.dynamics.signal_chain.arena import Arena
 from flexdesign.dynamics.signal_chain.interpolation import derivatives, smooth
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from flexdesign.dynamics.signal_chain.chain import AxisChain
     from flexdesign.dynamics.signal_chain.program import Program
 
-Array = NDArray[np.float64]
 #: The error that a simulation may have, relative to the largest span of motion.
 TOLERANCE = 1e-6
 #: More steps in a sample than this are not tried.

@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array, Complex
 from flexdesign.core.model import Adjust, Block, Effect, Resonance, Socket
 from flexdesign.core.model.effect import Values
 from flexdesign.dynamics.signal_chain.chain import AxisChain
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 #: The effects that act on commands and readings without being blocks of the chain.
 DELAYS = ("transport_delay", "sensor_delay")
 #: Images of a held command that are counted to each side: the residual falls with the square of their number.

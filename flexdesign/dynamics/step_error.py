@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array
+
 #: On the error estimate; more than the 1.25 of a grid convergence index, as turning points make the order unsteady.
 SAFETY = 1.5
 

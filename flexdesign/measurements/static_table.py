@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity
 from flexdesign.core.toml_files import Bounds
 from flexdesign.design.design import Design
 from flexdesign.measurements import static_conditions
 
-Array = NDArray[np.float64]
 #: What can be measured: SI unit, which port's boundary it names, and in words.
 QUANTITIES: Mapping[str, tuple[str, str, str]] = {
     "K_in": ("N/m", "output", "input stiffness"),

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.report import packed
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 
-Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 #: Most points of a curve.
 POINTS = 1000

@@ -9,14 +9,12 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 
 if TYPE_CHECKING:
     from flexdesign.api.confrontation import Traces
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,17 @@ from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.analytic import compliance, frame, large_frame, stage_compliance
 from flexdesign.analytic.compliance import ComplianceModel
 from flexdesign.analytic.stage_compliance import StageCompliance
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Effect, Observation, Parameter
 from flexdesign.design.design import Design
 from flexdesign.effects import statics
 from flexdesign.effects.hinge_compliance import roots
 from flexdesign.measurements.static_table import DISPLACEMENTS, Row, StaticTable
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

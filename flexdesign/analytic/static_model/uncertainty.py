@@ -22,15 +22,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtri
 
 from flexdesign.analytic.static_model.model import StaticModel
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 from flexdesign.measurements.static_table import StaticTable
 
-Array = NDArray[np.float64]
 #: A tolerance says where a number ends, evenly likely between: its standard deviation is this share of it.
 EVEN = 1 / math.sqrt(3)
 #: Standard deviation of what the compliance model is off by, relative, alike in all rows of a kind: of the amplifiers

@@ -12,7 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from flexdesign.core.model.notch import Array, Notch
+from flexdesign.core.arrays import Array
+from flexdesign.core.model.notch import Notch
 
 Vector = tuple[float, float, float]
 MemberKind = Literal["hinge", "arm", "rod", "block", "guide", "stub"]

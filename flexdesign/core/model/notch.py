@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array
+
 NotchShape = Literal["circular", "elliptic", "parabolic", "v"]
 
 

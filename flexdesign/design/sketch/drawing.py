@@ -11,14 +11,13 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Notch
 from flexdesign.design.part import Port
 from flexdesign.design.sketch import polygons
 
-Array = NDArray[np.float64]
 Profile = Literal["leaf", "circular", "elliptic", "parabolic", "v"]
 #: Corners of a side of a notch, when a polygon approximates it.
 NOTCH_CORNERS = 24

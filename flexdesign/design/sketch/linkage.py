@@ -11,15 +11,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Linkage, Member, Root
 from flexdesign.core.model.linkage import Vector
 from flexdesign.design.sketch import polygons
 from flexdesign.design.sketch.drawing import Body, Drawing, Flexure
 from flexdesign.design.sketch.section import Section
 
-Array = NDArray[np.float64]
 #: Steps along a chord at which a body must enclose it to be a beam along it.
 STEPS = 9
 

@@ -9,9 +9,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import arithmetic
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Parameter
 from flexdesign.design.part import Port
@@ -19,7 +19,6 @@ from flexdesign.design.sketch import polygons
 from flexdesign.design.sketch.drawing import Body, Drawing, Flexure
 from flexdesign.design.sketch.tables import FlexureTable, Repeated, SketchTables
 
-Array = NDArray[np.float64]
 #: Units that arithmetic may name, with their size in SI; a number takes one behind it.
 UNITS = {"m": ("m", 1.0), "mm": ("m", 1e-3), "um": ("m", 1e-6), "deg": ("rad", math.pi / 180), "rad": ("rad", 1.0)}
 #: Returns the number [SI] at a place of the file.

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array
 
 #: Lengths below this are none [m]; the CAD kernel takes points nearer than 1e-7 mm as one.
 TOLERANCE = 1e-9

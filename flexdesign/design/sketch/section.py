@@ -9,15 +9,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Notch
 from flexdesign.design.part import Outline, SymmetryPlane
 from flexdesign.design.sketch import polygons
 from flexdesign.design.sketch.drawing import Drawing, Flexure
 
-Array = NDArray[np.float64]
 #: Chords that approximate a curved edge where rays are sent across the section.
 CHORDS = 32
 

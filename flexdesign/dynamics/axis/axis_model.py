@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Block, Effect, Observation, Parameter
 from flexdesign.dynamics import stage_dynamics as stages
@@ -31,7 +32,6 @@ from flexdesign.dynamics.stage_model import fields as units_of
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts
 
-Array = NDArray[np.float64]
 #: Error that a prediction may have, relative to its span: far below the noise of any sensor.
 TOLERANCE = 1e-7
 #: The same of what is only drawn or compared.

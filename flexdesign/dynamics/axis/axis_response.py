@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.signal_chain.chain import AxisChain
@@ -16,7 +17,6 @@ from flexdesign.dynamics.spectrum import WorkingPoint
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.recordings import FrequencyResponse
 
-Array = NDArray[np.float64]
 #: Lines below this share of the natural frequency are about as large as the gain; how near to a power of a thousand
 #: from it they are to count as of a wrong unit, in powers of ten.
 LOW, NEAR = 0.5, 0.5

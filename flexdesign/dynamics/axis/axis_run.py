@@ -12,17 +12,16 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Block, Effect, Socket
 from flexdesign.dynamics.stage_model import AxisModel, Driver
 from flexdesign.measurements.noise_level import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import AXES, Run, refuse_wrong_units, suspicions
 
-Array = NDArray[np.float64]
 #: A recorded voltage may be by this factor more or less than the model's amplifier makes of the command.
 AMPLIFIED = 1.5
 #: The effect that acts on commands without being a block of the chain.

@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.dynamics.signal_chain import kernels
 from flexdesign.effects import bouc_wen
-
-Array = NDArray[np.float64]
 
 
 def secant(wanted: Array, gain: float) -> Array:

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.units import significant, to_text
 from flexdesign.dynamics.control.sampled_loop import Complexes, Matrices, matrices, stable_ranges
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Controller
 from flexdesign.core.model.effect import Values
 
-Array = NDArray[np.float64]
 #: What the kernel remembers.
 STATES = ("output", "last_proportional_error", "last_derivative_error", "last_derivative_error_but_one", "bend")
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 
-Array = NDArray[np.float64]
 #: Least samples per period of a mode: below, the controller does not see what happens between the samples.
 FEWEST_SAMPLES = 4.0
 

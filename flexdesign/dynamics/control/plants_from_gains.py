@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.units import significant, to_text
 from flexdesign.dynamics.control.pid import PID
 from flexdesign.dynamics.control.plant import Plant
 from flexdesign.dynamics.control.ziegler_nichols import Ultimate, from_rule, ultimate
 
-Array = NDArray[np.float64]
 #: Where the unknowns are looked for. Natural frequencies: from this share of the oscillation's frequency up to half
 #: the sampling rate, beyond which every solution has aliases without end.
 LOWEST_FREQUENCY = 0.05

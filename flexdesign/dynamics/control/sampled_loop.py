@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.dynamics.control.pid import PID
 from flexdesign.dynamics.control.plant import Plant
 
-Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 #: Angles [rad per sample] nearer than this to 0 and pi are the ends of the unit circle, where every loop is real.
 _ENDS = 1e-4

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.units import significant, to_text
 from flexdesign.dynamics.control.margins import Margins, largest_sensitivity, margins
@@ -33,7 +34,6 @@ from flexdesign.dynamics.control.pid import PID, Realised
 from flexdesign.dynamics.control.plant import Plant, Sampled
 from flexdesign.dynamics.control.sampled_loop import Matrices, matrices, open_loop, settling_time, simulate
 
-Array = NDArray[np.float64]
 #: Where the search begins: Ki/w0, Kp and Kd w0, each times the plant's gain.
 _STARTS = ((0.15, -0.2, 0.4), (0.05, 0.05, 0.1), (0.02, -0.02, 0.02), (0.3, 0.4, 0.2))
 _SUBSTEPS = 4

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.dynamics.control.pid import PID
 from flexdesign.dynamics.control.sampled_loop import matrices, stable_ranges
 
-Array = NDArray[np.float64]
 #: Least number of oscillations in a record, so that each window of its late half sees two.
 FEWEST_OSCILLATIONS = 32
 #: Growth per oscillation, as a share of the amplitude, that counts as none.

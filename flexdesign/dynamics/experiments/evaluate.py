@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics import metrics
 from flexdesign.dynamics.experiments import Experiment
 from flexdesign.dynamics.simulate import Response
 from flexdesign.dynamics.trajectories import Line, Sine, Square, Staircase, Step, Triangle
-
-Array = NDArray[np.float64]
 
 
 def measure(

@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.control import ziegler_nichols
 from flexdesign.dynamics.control.pid import PID, controller
@@ -18,7 +18,6 @@ from flexdesign.dynamics.experiments import Plan
 from flexdesign.dynamics.simulate import Loop, simulate
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
-Array = NDArray[np.float64]
 #: Length of the experiment that seeks the ultimate gain, in time constants of the slowest decay.
 EXPERIMENT = 12.0
 #: Least number of oscillations of the main mode.

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics import disturbances
@@ -24,7 +24,6 @@ from flexdesign.dynamics.experiments.loop_design import Designer, plant
 from flexdesign.dynamics.simulate import Loop, Response
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 #: Samples of the response for one period of the fastest mode, so that no peak falls between them.
 SAMPLES_PER_PERIOD = 25

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
-from flexdesign.dynamics.metrics.common import Array, need_finite, need_positive, need_same_length, quantity, rms
+from flexdesign.dynamics.metrics.common import need_finite, need_positive, need_same_length, quantity, rms
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
-
-Array = NDArray[np.float64]
 
 #: In which unit people read a number: SI unit -> display unit.
 _DISPLAY_UNITS = {"m": "um", "s": "ms", "1": "%", "m/V": "um/V", "m*V": "um*V"}

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
-from flexdesign.dynamics.metrics.common import Array, need_positive, need_same_length, quantity, ratio, rms
+from flexdesign.dynamics.metrics.common import need_positive, need_same_length, quantity, ratio, rms
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
-from flexdesign.dynamics.metrics.common import Array, need_positive, need_same_length, quantity, ratio
+from flexdesign.dynamics.metrics.common import need_positive, need_same_length, quantity, ratio
 
 #: A branch of a loop may step back by this share of the command's span (noise of a measured command), not by more.
 _JITTER = 0.02

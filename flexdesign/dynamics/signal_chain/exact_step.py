@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array
+
 #: Coefficients of 1, s, s^2 (s: 0 at the start, 1 at the end) of the parabola through start, middle and end.
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
 

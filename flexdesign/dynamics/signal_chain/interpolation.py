@@ -10,9 +10,9 @@ section 7.5).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array
+
 #: Samples to each side from which a derivative is estimated; and the window's shape: derivatives are right within 5e-4
 #: from a twentieth to four fifths of the Nyquist frequency, and below within 5e-4 of what they are at its tenth.
 REACH, SHAPE = 16, 9.0

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Self, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     InstanceOf,
@@ -21,10 +20,9 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from flexdesign.core import toml_files, units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import suggest
 from flexdesign.core.toml_files import Bounds
-
-Array = NDArray[np.float64]
 
 #: More samples than this are a slip in the period, not a wish.
 MOST_SAMPLES = 100_000_000

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.toml_files import whole
-from flexdesign.dynamics.trajectories.base import AnyLevel, AnyVelocity, Array, Duration, Level, Pause, Trajectory
+from flexdesign.dynamics.trajectories.base import AnyLevel, AnyVelocity, Duration, Level, Pause, Trajectory
 
 #: A moment this close before a jump, in dwells, is at the jump: what rounding does to a time on the sampling grid.
 _ROUNDING = 1e-7

@@ -9,9 +9,10 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from flexdesign.core import unit_tables
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.dynamics.trajectories.base import Array, Trajectory
+from flexdesign.dynamics.trajectories.base import Trajectory
 
 
 def _cells(given: Any) -> Any:

@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import model_validator
 from scipy.fft import irfft, next_fast_len
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.toml_files import whole
-from flexdesign.dynamics.trajectories.base import AnyLevel, Array, Cycles, Duration, Frequency, Trajectory
+from flexdesign.dynamics.trajectories.base import AnyLevel, Cycles, Duration, Frequency, Trajectory
 
 #: A moment this close before a jump, in cycles, is at the jump: what rounding does to a time on the sampling grid.
 _ROUNDING = 1e-7

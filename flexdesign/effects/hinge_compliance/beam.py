@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Elastic, Member
 from flexdesign.effects.hinge_compliance import width
 
-Array = NDArray[np.float64]
 #: Share of a rectangular section that carries shear.
 SHEAR_SHARE = 5 / 6
 #: Points of the quadrature along each smooth piece of a profile.

@@ -24,13 +24,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Elastic, Member, Root
 from flexdesign.effects.hinge_compliance import taper, width
 from flexdesign.effects.hinge_compliance.beam import from_place
 
-Array = NDArray[np.float64]
 Knots = tuple[Sequence[float], Sequence[float]]
 
 #: ``end``, by a / t.

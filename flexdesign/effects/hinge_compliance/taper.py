@@ -19,12 +19,10 @@ rotation, for necks of up to half the radius (``python -m studies.hinge_coeffici
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Elastic, Member
 from flexdesign.effects.hinge_compliance import beam, width
-
-Array = NDArray[np.float64]
 
 
 def compliance(member: Member, elastic: Elastic) -> Array:

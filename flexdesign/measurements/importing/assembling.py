@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from flexdesign.core import unit_tables, units
 from flexdesign.core.arithmetic import Formula
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.measurements.importing.contents import Array, Contents, Numbers, Variable
+from flexdesign.measurements.importing.contents import Contents, Numbers, Variable
 from flexdesign.measurements.importing.mapping import RESPONSE, Map, RunColumns, RunMap, VariableTable
 from flexdesign.measurements.recordings import COMMANDS, FEWEST
 from flexdesign.measurements.recordings.frequency_response import FREQUENCY

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from flexdesign.core import extras
 from flexdesign.core.errors import InputError, suggest
 
-Array = NDArray[np.float64]
 #: Complex numbers, or real ones where nothing is imaginary.
 Numbers = NDArray[Any]
 

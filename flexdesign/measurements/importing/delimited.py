@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing import header_cells, moments
-from flexdesign.measurements.importing.contents import Array, Variable, from_memory
+from flexdesign.measurements.importing.contents import Variable, from_memory
 
 #: What cells may be separated by; the last one is any white space.
 SEPARATORS = (";", "\t", ",", "|", " ")

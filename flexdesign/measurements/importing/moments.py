@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from flexdesign.measurements.importing.contents import Array
+from flexdesign.core.arrays import Array
 
 #: Seconds of a day.
 DAY = 86400.0

@@ -12,16 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.special import digamma
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Whitening
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse
 
-Array = NDArray[np.float64]
 #: No line is known better than to this share of its size, nor to this share of the largest: analysers and their
 #: calibration are no better.
 OF_LINE, OF_LARGEST = 1e-4, 1e-6

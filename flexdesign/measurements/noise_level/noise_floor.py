@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.estimation.noise.quiet_stretches import HIGHEST_ORDER, Sinusoid, Stretch, estimate, remove_sinusoids
@@ -21,7 +21,6 @@ from flexdesign.measurements.noise_level.sources import (
 )
 from flexdesign.measurements.recordings import Run
 
-Array = NDArray[np.float64]
 #: A source with fewer effective samples gives way to one with more: its level is known to 22 % only.
 ENOUGH = 10.0
 #: Sources, or runs, whose levels differ by more than this factor, and by more than chance, disagree.

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from flexdesign.core.arrays import Array
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 from flexdesign.estimation.noise.autoregressive import stretches as where_up
 from flexdesign.estimation.noise.quiet_stretches import Stretch
 from flexdesign.measurements.recordings import Run
 
-Array = NDArray[np.float64]
 #: Least number of samples of a stretch.
 FEWEST = 24
 #: A still command moves by no more than these shares of its span, while it is looked at and in a whole stretch.

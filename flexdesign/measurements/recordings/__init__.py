@@ -6,6 +6,7 @@ time, and `bridging` closes short gaps of the command. `description` reads ``mea
 what is kept for validation, `suspicion` compares with a model. `frequency_response` reads the other kind of recording.
 """
 
+from flexdesign.core.arrays import Array
 from flexdesign.measurements.recordings.description import NAME as DESCRIPTION
 from flexdesign.measurements.recordings.description import Measurements, read_measurements
 from flexdesign.measurements.recordings.frequency_response import FrequencyResponse, split_lines
@@ -19,7 +20,7 @@ from flexdesign.measurements.recordings.reading import (
     runs_alone,
     write_run,
 )
-from flexdesign.measurements.recordings.run import AXES, COMMANDS, Array, Between, CommandIs, Role, Run, Sensor
+from flexdesign.measurements.recordings.run import AXES, COMMANDS, Between, CommandIs, Role, Run, Sensor
 from flexdesign.measurements.recordings.splitting import split
 from flexdesign.measurements.recordings.unit_check import refuse_wrong_units, suspicions
 

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import unit_tables, units
+from flexdesign.core.arrays import Array, Complex
 from flexdesign.core.errors import InputError
 from flexdesign.core.unit_tables import Sheet
 from flexdesign.measurements.recordings.description import Measurements, RunSettings
-from flexdesign.measurements.recordings.run import AXES, Array, CommandIs, Role
+from flexdesign.measurements.recordings.run import AXES, CommandIs, Role
 
-Complex = NDArray[np.complex128]
 #: How the first column is called, and how a file says its response: magnitude and phase, or both parts.
 FREQUENCY, POLAR, PARTS = "f", ("magnitude", "phase"), ("re", "im")
 #: Which SI units a response may have, by the unit of the motion: an electronic analogue answers volts with volts.

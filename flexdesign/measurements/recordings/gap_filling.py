@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.measurements.recordings.run import COMMANDS, Array, Between
+from flexdesign.measurements.recordings.run import COMMANDS, Between
 from flexdesign.measurements.recordings.time_base import fit_grid
 
 #: A gap of this number of samples is bridged for any command.

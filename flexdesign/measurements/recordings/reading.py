@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexdesign.core import parquet, toml_files, unit_tables
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.unit_tables import Sheet
 from flexdesign.measurements.recordings import description, frequency_response, gap_filling, sensor_faults, time_base
@@ -19,7 +20,7 @@ from flexdesign.measurements.recordings.description import (
     read_measurements,
 )
 from flexdesign.measurements.recordings.frequency_response import FrequencyResponse
-from flexdesign.measurements.recordings.run import AXES, COMMANDS, Array, Run, Sensor
+from flexdesign.measurements.recordings.run import AXES, COMMANDS, Run, Sensor
 
 #: Which SI units a column may have. An electronic analogue of a stage answers in volts.
 ALLOWED = {

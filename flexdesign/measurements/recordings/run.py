@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexdesign.core.arrays import Array
+
 Role = Literal["identify", "validate", "test"]
 Between = Literal["linear", "hold", "smooth"]
 CommandIs = Literal["dac", "stack", "monitor"]

@@ -21,9 +21,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.measurements.recordings.run import AXES, COMMANDS, Array, Sensor, commanded_by
+from flexdesign.measurements.recordings.run import AXES, COMMANDS, Sensor, commanded_by
 
 Mask = NDArray[np.bool_]
 #: Fewest equal readings in a row that can be a fault: at the extreme of the record, and elsewhere.

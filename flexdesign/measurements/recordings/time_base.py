@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.measurements.recordings.run import COMMANDS, Array, Between
+from flexdesign.measurements.recordings.run import COMMANDS, Between
 
 #: How far a time may lie from its place on the uniform grid, in periods.
 UNIFORM = 1e-3

@@ -7,12 +7,11 @@ from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.report.charts import COLOURS, NARROW, NEUTRAL, below, drawing, svg
 from flexdesign.report.traces import Curve, Traces, with_gaps
 
-Array = NDArray[np.float64]
 #: Errors that span more than this ratio are drawn over a logarithm.
 DECADES = 20.0
 #: Letters in a line of a step's name.

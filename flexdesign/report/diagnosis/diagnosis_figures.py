@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Block, Socket
 from flexdesign.diagnosis import ErrorStep
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
@@ -24,7 +25,6 @@ from flexdesign.report.diagnosis import residual_charts as charts
 from flexdesign.report.diagnosis.residual_charts import Bars
 from flexdesign.report.document import Figure, Section
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 #: Pictures of the residual, by the experiments that an effect says reveal it; the first is for those that say nothing.
 PICTURES = {

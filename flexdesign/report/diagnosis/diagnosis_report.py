@@ -25,7 +25,6 @@ from flexdesign.report.diagnosis import plan_pages, response_pages
 from flexdesign.report.diagnosis.diagnosis_figures import capital, ladder_figure, more_pictures, pictures, time_domain
 from flexdesign.report.document import Document, Section, Table
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 #: Number of discriminating experiments listed for two effects.
 PROPOSED = 8

@@ -19,7 +19,6 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import comparison_report, response_pages
 from flexdesign.report.diagnosis import diagnosis_text as prose
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

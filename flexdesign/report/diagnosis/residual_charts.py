@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.diagnosis.comparison import holds
 from flexdesign.diagnosis.preparation.frequencies import cross_spectra
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
-Array = NDArray[np.float64]
 WIDTH = 7.2
 #: Points of a spectrum per decade, and of a curve over position or over the logarithm of time.
 PER_DECADE, PLACES = 30, 48

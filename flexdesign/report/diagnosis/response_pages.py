@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
 from flexdesign.core.serialise import with_unit
@@ -18,7 +17,6 @@ from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
 from flexdesign.report.document import Figure, Section, Table
 
-Array = NDArray[np.float64]
 #: A model by what it is called, and what it leaves of every frequency response.
 FittedModel = tuple[str, Sequence[ResponseComparison]]
 #: An error below this many times the noise is noise.

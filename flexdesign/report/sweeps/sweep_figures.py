@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.report import charts
 from flexdesign.report.document import Figure
 from flexdesign.workflows.sweeps import Sweep
@@ -16,7 +16,6 @@ from flexdesign.workflows.sweeps.results import key_of
 from flexdesign.workflows.sweeps.sampling import Factor
 from flexdesign.workflows.sweeps.sensitivity import Indices
 
-Array = NDArray[np.float64]
 #: Most curves of other values in one drawing.
 CURVES = 8
 #: Most panels side by side.

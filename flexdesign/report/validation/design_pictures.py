@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.design.design import Design
 from flexdesign.design.part import Outline, straight_outline
 from flexdesign.report import charts, pictures
 from flexdesign.report.document import Figure
 from flexdesign.report.pictures import NoPictures, Picture
-
-Array = NDArray[np.float64]
 
 #: Chord and angle of the triangles that approximate a solid's curved faces [mm], [rad].
 CHORD, ANGLE = 0.05, 0.1

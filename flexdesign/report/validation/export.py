@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.whole_files import written_whole
 from flexdesign.design.design import Design
@@ -23,7 +23,6 @@ from flexdesign.fem.meshing.mesh import TaggedMesh
 from flexdesign.workflows.validation import Validation
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
-Array = NDArray[np.float64]
 #: Suffixes the CAD kernel writes, and what it calls the formats; a DXF holds the section of an extrusion.
 SOLIDS = {".step": "STEP", ".stp": "STEP", ".stl": "STL", ".brep": "BREP", ".dxf": "DXF"}
 #: The field of a mesh that every part has.

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.workflows.sweeps import evaluators
@@ -28,7 +28,6 @@ from flexdesign.workflows.sweeps.plan import SweepPlan
 from flexdesign.workflows.sweeps.results import key_of, value_by_name
 from flexdesign.workflows.sweeps.sampling import Case, Factor, cases
 
-Array = NDArray[np.float64]
 Found = Mapping[str, Quantity]
 Progress = Callable[[str], None]
 _Memory = dict[bytes, tuple[float, Array]]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.workflows.sweeps.results import Results, key_of
 
-Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 _LIMIT = re.compile(r"\s*([<>])=?\s*(.+)")
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
 
-Array = NDArray[np.float64]
 #: What one case was answered: its quantities, why there are none, and how long it took [s].
 CaseResult = tuple[Sequence[Quantity], str, float]
 Number = TypeVar("Number", float, Array)

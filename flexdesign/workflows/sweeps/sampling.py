@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.arrays import Array
 from flexdesign.workflows.sweeps import sensitivity
 
-Array = NDArray[np.float64]
 Method = Literal["grid", "latin-hypercube", "sobol", "sensitivity"]
 
 

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexdesign.core import extras
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
