@@ -259,10 +259,11 @@ def test_contour_does_not_take_the_way_back_for_the_way_there() -> None:
     assert contour(path, motion, 1e-3, within=5.0).max == pytest.approx(0.2e-6)
 
 
-def test_contour_agrees_with_a_plain_implementation() -> None:
+@pytest.mark.parametrize("reach", [5, 59])
+def test_contour_agrees_with_a_plain_implementation(reach: int) -> None:
     rng = np.random.default_rng(7)
     path, motion = rng.normal(size=(3, 60)).cumsum(axis=1), rng.normal(size=(3, 60)).cumsum(axis=1)
-    reach, distances = 5, []
+    distances = []
     for k in range(60):
         near = []
         for j in range(max(0, k - reach), min(59, k + reach)):
@@ -270,7 +271,7 @@ def test_contour_agrees_with_a_plain_implementation() -> None:
             part = min(1.0, max(0.0, float((p - a) @ (b - a) / ((b - a) @ (b - a)))))
             near.append(float(np.linalg.norm(p - a - part * (b - a))))
         distances.append(min(near))
-    measured = contour(path, motion, 0.1, within=0.5)
+    measured = contour(path, motion, 0.1, within=0.1 * reach)
     assert measured.max == pytest.approx(max(distances), rel=1e-12)
     assert measured.rms == pytest.approx(math.sqrt(sum(d**2 for d in distances) / 60), rel=1e-12)
     assert measured.at == pytest.approx(0.1 * int(np.argmax(distances)))

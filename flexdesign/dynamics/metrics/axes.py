@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Quantity
@@ -63,21 +64,42 @@ def contour(reference: Array, motion: Array, period: float, *, within: float) ->
     need_positive(period)
     need_positive(within, "time within which the nearest point is sought")
     count = reference.shape[1]
-    sides = np.diff(reference, axis=1)
-    squares = np.maximum((sides**2).sum(axis=0), np.finfo(np.float64).tiny)
-    nearest = np.full(count, np.inf)
     reach = min(math.ceil(within / period), count - 1)
-    for offset in range(-reach, reach):
-        # Sample k against the piece of path from k + offset to k + offset + 1, for all k that have one.
-        samples = slice(max(0, -offset), min(count, count - 1 - offset))
-        pieces = slice(samples.start + offset, samples.stop + offset)
-        away = motion[:, samples] - reference[:, pieces]
-        along = np.clip((away * sides[:, pieces]).sum(axis=0) / squares[pieces], 0.0, 1.0)
-        square = ((away - along * sides[:, pieces]) ** 2).sum(axis=0)
-        np.minimum(nearest[samples], square, out=nearest[samples])
-    distance = np.sqrt(nearest)
+    longest = float(np.sqrt((np.diff(reference, axis=1) ** 2).sum(axis=0)).max())
+    distance = _nearest(np.ascontiguousarray(reference), np.ascontiguousarray(motion), longest, reach)
     worst = int(np.argmax(distance))
     return Contour(float(distance[worst]), rms(distance), worst * period)
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest(path: Array, motion: Array, longest: float, reach: int) -> Array:
+    """Return the distance [m] of each sample from the pieces of the path at most `reach` samples away.
+
+    No piece of the path is longer than `longest` [m]. A piece whose beginning is farther away than the nearest one by
+    several times that length is followed by as many pieces that cannot be nearer; they are skipped.
+    """
+    axes, count = path.shape
+    nearest = np.full(count, np.inf)
+    for sample in range(count):
+        first, last = max(0, sample - reach), min(count - 2, sample + reach - 1)
+        for begin, way in ((min(sample, last), 1), (min(sample, last) - 1, -1)):
+            piece = begin
+            while first <= piece <= last:
+                along, length, start = 0.0, 0.0, 0.0
+                for axis in range(axes):
+                    side, away = path[axis, piece + 1] - path[axis, piece], motion[axis, sample] - path[axis, piece]
+                    along += away * side
+                    length += side * side
+                    start += away * away
+                part = min(1.0, max(0.0, along / length)) if length > 0.0 else 0.0
+                square = 0.0
+                for axis in range(axes):
+                    side, away = path[axis, piece + 1] - path[axis, piece], motion[axis, sample] - path[axis, piece]
+                    square += (away - part * side) ** 2
+                nearest[sample] = min(nearest[sample], math.sqrt(square))
+                skipped = (math.sqrt(start) - nearest[sample]) / longest if longest > 0.0 else count
+                piece += way * max(1, int(min(skipped, count)))
+    return nearest
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,9 @@ IntArray = NDArray[np.int64]
 #: 5e-8, as hinges hardly stretch. After this number of steps the load is halved, down to this share.
 TOLERANCE, MOST_STEPS, SMALLEST_SHARE = 1e-6, 15, 1e-3
 
+#: Cross products with the unit vectors as matrices (3, 3, 3).
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(-1, -2)
+
 
 class NoEquilibrium(ArithmeticError):
     """There is none that is stable, the stage buckling before, or none that Newton's method finds."""
@@ -299,11 +302,10 @@ class _Corotated:
         translations, spins, way, whole = self.variations
         moments = forces[..., 3:] - np.cross(self.arms, forces[..., :3])
         push, twist = (_cross((each[:, :, None] @ self.frame)[:, :, 0]) for each in (forces[..., :3], moments))
-        turning = np.einsum("mia,mnij,mnjb->mab", whole, push, way)
-        turning -= np.einsum("mnia,mnij,mjb->mab", translations, push, whole)
-        turning -= np.einsum("mnia,mnij,mjb->mab", spins, twist, whole)
         swung = self.frame.swapaxes(-1, -2) @ _cross(forces[..., :3]) @ _cross(self.arms) @ self.frame
-        turning += np.einsum("mnia,mnij,mnjb->mab", spins, swung, spins)
+        moved, spun, turned = translations.swapaxes(-1, -2), spins.swapaxes(-1, -2), whole.swapaxes(-1, -2)[:, None]
+        about_frame = (moved @ push + spun @ twist) @ whole[:, None]
+        turning = (turned @ push @ way - about_frame + spun @ swung @ spins).sum(axis=1)
         return (turning + turning.swapaxes(1, 2)) / 2
 
 
@@ -324,7 +326,7 @@ def _nearest(matrices: FloatArray) -> FloatArray:
 
 def _cross(vectors: FloatArray) -> FloatArray:
     """Return the matrices (..., 3, 3) of the cross product with vectors (..., 3) from the left."""
-    return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2))
+    return np.tensordot(vectors, _CROSS, axes=1)
 
 
 def _less(matrices: FloatArray) -> FloatArray:
