@@ -140,9 +140,9 @@ class StageCompliance:
         first, second = _ends(element)
         point = element.placement.outside(np.array(second.point))
         one, other = (element.bonds[port.name] for port in (first, second))
-        turned = np.kron(np.eye(2), element.placement.matrix.T)
         places = [*self._places.get(one, ()), *self._places.get(other, ())]
-        return places, np.asarray(turned @ np.hstack([-self._motion(one, point), self._motion(other, point)]))
+        parted = np.hstack([-self._motion(one, point), self._motion(other, point)]).reshape(2, 3, len(places))
+        return places, (element.placement.matrix.T @ parted).reshape(6, len(places))
 
     @cached_property
     def _elements(self) -> list[_Built]:

@@ -122,7 +122,8 @@ def _model_step(
 
 
 def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:
-    quantities = {key: q for key, q in fem.items() if key in model.compliance({}).quantities() and q.value}
+    predicted = model.compliance({}).quantities()
+    quantities = {key: q for key, q in fem.items() if key in predicted and q.value}
     table = StaticTable("", tuple(Row(q.name, q.boundary, q.value, abs(q.value), q.unit) for q in quantities.values()))
     inputs = uncertainty(model, table).inputs
     return {key: float(2 * u / abs(q.value)) for (key, q), u in zip(quantities.items(), inputs, strict=True)}
