@@ -144,14 +144,8 @@ def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> boo
     return remainder(data, fit).is_noise and not explainable
 
 
-def describe_unnamed(data: DiagnosisData, final: Remainder, adequate: FittedModel) -> str:
-    """Return how much the named effects leave where others explain it with numbers at the end of what is plausible."""
-    share = f"{_size(data, final)}; {' and '.join(adequate.names)} would explain it"
-    ends = adequate.at_bound()
-    return f"{share} with {' and '.join(ends)} at the end of what is plausible" if ends else share
-
-
-def _size(data: DiagnosisData, final: Remainder) -> str:
+def describe_size(data: DiagnosisData, final: Remainder) -> str:
+    """Return how much a model leaves."""
     if not data.noise.known:
         return "the residual remains"
     return f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise remains"
@@ -159,7 +153,7 @@ def _size(data: DiagnosisData, final: Remainder) -> str:
 
 def describe(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
     """Return how much a model leaves, and which smooth functions explain most of it."""
-    share = _size(data, final)
+    share = describe_size(data, final)
     if data.noise.known and any(data.noise.whitening.process(run.name).order for run in data.runs):
         share += " (whitened: of each sample counts what those before it do not predict; the errors stated are raw)"
     if final.jumps >= FEWEST_JUMPS:

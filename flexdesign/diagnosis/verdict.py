@@ -16,7 +16,7 @@ from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.remainder import (
     describe,
-    describe_unnamed,
+    describe_size,
     is_adequate,
     is_better_without_physics,
     remainder,
@@ -46,14 +46,16 @@ def decide(
 ) -> tuple[Verdict, FittedModel, str]:
     """Return the verdict, the fit whose effects are named, and why those of the last fit are not; empty if they are.
 
-    In an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
-    last one that is named, in mean squares: of a large and certain share one may speak, whatever else the model lacks.
-    And neither a linear system nor the smooth functions that describe the remainder must do better in the place of the
-    effects, which would then be an approximation of something else. So is an effect next to which the model's own
-    numbers, such as the gain, end at a limit: it stands for the motion that these no longer explain.
+    Each effect must explain `LARGE` times what remains unexplained after the last one that is named, in mean squares:
+    of a large and certain share one may speak, whatever else the model lacks. If the noise is unknown, nothing remains
+    unexplained of a white residual. In a model that is not adequate neither a linear system nor the smooth functions
+    that describe the remainder must do better in the place of the effects, which would then be an approximation of
+    something else. So is an effect next to which the model's own numbers, such as the gain, end at a limit: it stands
+    for the motion that these no longer explain.
     """
     every = history.levels
-    if is_adequate(data, history.final, left) and not relevant_ends(task, history.final):
+    adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
+    if adequate and not (data.noise.known and history.final.effects):
         return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
@@ -62,6 +64,8 @@ def decide(
         fit = every[named]
         if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
             reason = "less than twice what then remains is explained"
+        elif adequate and fit is history.final:
+            return "effects-found", fit, ""
         elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
             reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
         elif is_better_without_physics(data, task, every[0], fit):
@@ -108,7 +112,7 @@ def reach_verdict(
     is_noise = is_adequate(data, history.final, left)
     doubt = "" if is_noise else describe(data, remainder(data, history.final), left)
     if is_noise and not {*history.final.names} <= {*final.names}:
-        is_noise, doubt = False, describe_unnamed(data, remainder(data, final), history.final)
+        is_noise, doubt = False, describe_size(data, remainder(data, final))  # effects that are not named explain it
     unexplained = max(data.test_error(final) ** 2 - data.known_test_noise_rms**2, 0.0)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
     rungs = _error_steps(data, error_ladder)

@@ -18,7 +18,15 @@ from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.model_selection import fitted_model, forward_selection, stepwise_selection
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model, with_effects
-from flexdesign.estimation.model_selection.forward_selection import FINAL_FITS, GROSS_MISFIT, ROUGH_FITS, forward
+from flexdesign.estimation.model_selection.forward_selection import (
+    FINAL_FITS,
+    GROSS_MISFIT,
+    ROUGH_FITS,
+    ROUGH_FITS_BY_SCORE,
+    fit_roughly,
+    forward,
+    screen,
+)
 from flexdesign.estimation.model_selection.model_comparison import Step, bic_lead, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
@@ -214,12 +222,25 @@ def test_a_candidate_whose_score_understates_it_is_found() -> None:
     # Known to the noise over the root of the sum of squares of its derivative, which is 0.0007; four times that.
     assert values["middle"] == pytest.approx(BELL["middle"], abs=0.003)
     assert {*told(said, "trying")} >= {candidate.name for candidate in every}
-    assert len(told(said, "fitting roughly with")) == ROUGH_FITS
+    assert len(told(said, "fitting roughly with")) == ROUGH_FITS + ROUGH_FITS_BY_SCORE
     assert len(step.trials) == FINAL_FITS
     # In the order of the catalogue, or another, the same is found.
     for others in (every[::-1], [*every[6:], *every[:6]]):
         again = forward(about, before, others)
         assert [trial.names for trial in again.trials] == [trial.names for trial in step.trials]
+
+
+def test_pairs_take_no_place_of_single_effects_with_good_scores() -> None:
+    """The best scores among the quick fits that went astray are those of single effects."""
+    said = list[str]()
+    about = with_bell(progress=said.append)
+    before = calibrated_stand(about)
+    _, entries = screen(about, before, decoys(12))
+    singles = sorted((e for e in entries if len(e.names) == 1), key=lambda e: -e.start.predicted_reduction)
+    best, rest = singles[:ROUGH_FITS_BY_SCORE], singles[ROUGH_FITS_BY_SCORE:]
+    pair = dataclasses.replace(best[0].start, directions=(*best[0].start.directions, *rest[0].start.directions))
+    fit_roughly(about, before, [*rest, *best, dataclasses.replace(best[0], start=pair)])
+    assert {entry.names[0] for entry in best} <= {*told(said, "fitting roughly with")}
 
 
 def test_what_promises_too_little_is_not_fitted() -> None:

@@ -94,7 +94,7 @@ def screen(
 def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> list[Entry]:
     """Return rough fits of the entries that promise most, with runs in the initial states that suit them; best first.
 
-    Those are the best quick fits; and the best scores in the present fit, as a quick fit may go astray.
+    Those are the best quick fits; and of the other single candidates the best scores, as a quick fit may go astray.
     """
 
     def roughly(entry: Entry) -> Entry | None:
@@ -107,8 +107,9 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         return None if found is None else replace(entry, solution=found)
 
     best = entries[:ROUGH_FITS]
-    scores = sorted((e for e in entries if e.start.origin is fit), key=lambda e: -e.start.predicted_reduction)
-    return _best_by_names(task.each(roughly, [*best, *(e for e in scores[:ROUGH_FITS_BY_SCORE] if e not in best)]))
+    others = [e for e in entries[ROUGH_FITS:] if e.start.origin is fit and len(e.names) == 1]
+    others.sort(key=lambda e: -e.start.predicted_reduction)
+    return _best_by_names(task.each(roughly, [*best, *others[:ROUGH_FITS_BY_SCORE]]))
 
 
 def forward(
