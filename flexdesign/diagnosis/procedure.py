@@ -28,6 +28,7 @@ from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, sho
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, truncate
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
+from flexdesign.diagnosis.preparation.oversampling import oversampling_of
 from flexdesign.diagnosis.remainder import is_adequate, is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import decide, reach_verdict
@@ -99,6 +100,11 @@ def diagnose(
     began = perf_counter()
     progress("reading the noise")
     data = prepare(model, runs, axis, tolerance, noise)
+    recorded = [each for each in runs if isinstance(each, Run)]
+    if oversampled := oversampling_of(recorded, data.name, data.tolerance):
+        progress(f"{oversampled.what}: {oversampled.remedy}")
+        remark = f"{oversampled.what}; {oversampled.remedy}"
+        data = replace(data, runs=tuple(replace(run, remarks=(*run.remarks, remark)) for run in data.runs))
     with simulating(threads) as each:
         data = choose_interpolation(model, data, each, progress)
         dynamics, task = case_of(model, data, each, progress)

@@ -13,11 +13,11 @@ from flexdesign.diagnosis.check import coverage, suspicion
 from flexdesign.diagnosis.check.coverage import Coverage
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.diagnosis.check.tables import TableFacts
+from flexdesign.diagnosis.preparation.dataset import usual_tolerance
+from flexdesign.diagnosis.preparation.oversampling import FEWEST_PER_PERIOD, oversampling_of
+from flexdesign.dynamics.axis.axis_run import measured_stroke
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split
-
-#: A response has several samples in each period of what it does; fewer bend every sine.
-FEWEST_PER_PERIOD = 8
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     }
     for axis, noise_rms in floors.items():
         suspicions += suspicion.of_noise(axis, noise_rms)
+        suspicions += _of_rate(runs, axis, noise_rms)
     for response in responses:
         suspicions += suspicion.of_response(response)
     suspicions += _of_all(runs, responses, parts)
@@ -161,6 +162,14 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
         tuple(tables),
         tuple(recordings),
     )
+
+
+def _of_rate(runs: Sequence[Run], axis: str, noise: NoiseFloor) -> list[Suspicion]:
+    """Return that fewer samples of a response would do."""
+    there = [run for run in runs if axis in run.columns]
+    negligible = usual_tolerance(measured_stroke(there, axis), min(noise.rms.values()) if noise.known else None)
+    found = oversampling_of(there, axis, negligible)
+    return [Suspicion("", found.what, found.remedy)] if found else []
 
 
 def _recorded_run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:

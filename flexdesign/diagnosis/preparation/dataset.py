@@ -258,8 +258,8 @@ def prepare(
         return _with_tolerance(replace(data, stroke=data.line_size), tolerance)
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
-        level = {name: stated for name in noise.rms}
-        white = ColouredNoise(Process(np.zeros(0), stated))
+        level = {run.name: stated * run.noise_gain for run in runs}
+        white = ColouredNoise({name: Process(np.zeros(0), rms) for name, rms in level.items()})
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
     noise = _of_blocks(noise, seen)
     first = DiagnosisData(name, its, seen, noise, 0.0, _priors(its), stroke=measured_stroke(runs, name))
@@ -270,11 +270,20 @@ def prepare(
     return replace(data, noise=with_lines(data.noise, responses, lines), responses=responses, lines=lines)
 
 
+def usual_tolerance(stroke: float, noise: float | None) -> float:
+    """Return what counts as nothing where nobody said what matters, rms [response].
+
+    Parameters
+    ----------
+    stroke, noise
+        Stroke, and rms noise; None if it is unknown [response].
+    """
+    return OF_STROKE * stroke if noise is None else min(OF_NOISE * noise, OF_STROKE * stroke)
+
+
 def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
     """Return the data set with what matters."""
-    least = OF_STROKE * data.stroke
-    if data.noise.known:
-        least = min(OF_NOISE * data.noise_rms, least)
+    least = usual_tolerance(data.stroke, data.noise_rms if data.noise.known else None)
     return replace(data, tolerance=least if asked is None else asked, default_limit=least, is_asked=asked is not None)
 
 

@@ -144,6 +144,7 @@ def noise_floor(
     levels = [_level(source, runs, smallest, remove_lines) for source in sources if source.stretches]
     if not levels:
         return _without_source(runs, axis, stated, smallest)
+    gains = [run.noise_gain for run in runs]
     chosen = next((level for level in levels if level.dof >= ENOUGH), max(levels, key=lambda level: level.dof))
     return NoiseFloor(
         whitening=ColouredNoise(chosen.processes),
@@ -152,7 +153,7 @@ def noise_floor(
         known=True,
         lines=chosen.lines,
         dof=chosen.dof,
-        remarks=(*chosen.remarks, *_disagreements(chosen, levels, stated)),
+        remarks=(*chosen.remarks, *_disagreements(chosen, levels, stated * float(np.median(gains)))),
     )
 
 
@@ -266,19 +267,21 @@ def _smallest(runs: Sequence[Run], axis: str) -> float:
     span = max(float(np.nanmax(run.columns[axis]) - np.nanmin(run.columns[axis])) for run in runs)
     size = max(float(np.nanmax(np.abs(run.columns[axis]))) for run in runs)
     grain = max(ROUNDING * span, 1e-15 * size, 1e-30)
-    values = [run.columns[axis][np.isfinite(run.columns[axis])] for run in runs]
+    values = [run.columns[axis][np.isfinite(run.columns[axis])] for run in runs if axis not in run.steps]
     readings = [np.unique(np.round(v / grain)) for v in values]
     steps = [float(np.diff(r).min()) for r in readings if len(r) >= MANY]
+    steps += [run.noise_gain * run.steps[axis] / grain for run in runs if run.steps.get(axis)]
     return grain * max(min(steps, default=1.0), 1.0) / math.sqrt(12)
 
 
 def _without_source(runs: Sequence[Run], axis: str, stated: float, smallest: float) -> NoiseFloor:
     if stated > 0:
-        process, source, known, dof = Process.white(stated), "the sensor's stated noise", True, math.inf
-    else:
-        process = Process.white(max(min(_quietest_band(run, axis) for run in runs), smallest))
-        source, known, dof = "unknown", False, 0.0
-    return NoiseFloor(ColouredNoise(process), {run.name: process.rms for run in runs}, source, known, (), dof)
+        levels = {run.name: stated * run.noise_gain for run in runs}
+        whitening = ColouredNoise({name: Process.white(level) for name, level in levels.items()})
+        return NoiseFloor(whitening, levels, "the sensor's stated noise", known=True, lines=(), dof=math.inf)
+    process = Process.white(max(min(_quietest_band(run, axis) for run in runs), smallest))
+    levels = {run.name: process.rms for run in runs}
+    return NoiseFloor(ColouredNoise(process), levels, "unknown", known=False, lines=(), dof=0.0)
 
 
 def _quietest_band(run: Run, axis: str) -> float:

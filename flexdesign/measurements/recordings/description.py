@@ -10,6 +10,7 @@
     limits = ["0 V", "150 V"]             # what the bench allows, after scaling
     between_samples = "hold"              # or "linear", or "smooth": a measured command without its highest frequencies
     noise = "3 nm"                        # standard deviation, of every axis whose sensor is not described
+    decimate = 20                         # every 20th sample is used, behind a low-pass; noise is that of all samples
     [sensors.x]
     noise = "2 nm"
     range = ["0 um", "100 um"]
@@ -30,8 +31,8 @@
     averages = 16                         # of each line
     period = "0.1 ms"                     # between samples of a command that is held; left out for a continuous one
 
-Everything may be left out. What a ``[[run]]`` says of ``closed_loop`` and ``between_samples`` goes before what the top
-of the file says of all.
+Everything may be left out. What a ``[[run]]`` says of ``closed_loop``, ``between_samples`` and ``decimate`` goes before
+what the top of the file says of all.
 """
 
 from __future__ import annotations
@@ -172,6 +173,7 @@ class RunSettings(toml_files.Table):
     conditions: Conditions = Conditions()
     closed_loop: bool | None = None
     between_samples: Annotated[Between | None, _one_of(*get_args(Between))] = None
+    decimate: toml_files.whole(1, 1_000_000) | None = None  # type: ignore[valid-type]
     # Of frequency responses alone:
     input: Annotated[CommandIs | None, _one_of(*get_args(CommandIs))] = None
     output: Annotated[str | None, _one_of(*AXES)] = None
@@ -199,6 +201,7 @@ class Setup(toml_files.Table):
     limits: Annotated[Any, _span(_volts, 'limits = ["0 V", "150 V"]')] = None
     closed_loop: bool | None = None
     between_samples: Annotated[Between | None, _one_of(*get_args(Between))] = None
+    decimate: toml_files.whole(1, 1_000_000) = 1  # type: ignore[valid-type]
     noise: Annotated[Any, BeforeValidator(_noise)] = None
     sensors: SensorTables = SensorTables()
     run: Any = None

@@ -11,7 +11,14 @@ from flexdesign.core import parquet, toml_files, unit_tables
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.measurements.recordings import description, frequency_response, gap_filling, sensor_faults, time_base
+from flexdesign.measurements.recordings import (
+    decimation,
+    description,
+    frequency_response,
+    gap_filling,
+    sensor_faults,
+    time_base,
+)
 from flexdesign.measurements.recordings.description import (
     Measurements,
     RunSettings,
@@ -86,6 +93,13 @@ def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run
     time, recorded, left_out = time_base.trim(grid.time, time_base.on_grid(sheet, grid, between))
     _enough(sheet.path, len(time))
     recorded, bridges = gap_filling.fill_gaps(sheet, time, recorded, between)
+    fewer, noise_gain, steps = tuple[str, ...](), 1.0, dict[str, float]()
+    if (factor := settings.decimate or setup.decimate) > 1:
+        steps = {name: decimation.smallest_step(recorded[name]) for name in recorded if name in AXES}
+        count = len(time)
+        time, recorded, remark = decimation.decimate(time, recorded, factor, between)
+        _enough_left(measurements.path, factor, count, len(time))
+        fewer, noise_gain, between, stated = (remark,), decimation.noise_gain(factor), "smooth", "smooth"
     closed = settings.closed_loop if settings.closed_loop is not None else setup.closed_loop
     commands = {name: setup.scale * values + setup.bias for name, values in recorded.items() if name in COMMANDS}
     recorded |= commands
@@ -108,7 +122,9 @@ def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run
         sensors=sensors,
         role_is_stated=settings.role is not None,
         between_is_stated=stated is not None,
-        remarks=(*out_of_order, *unbelievable, *uneven, *left_out, *bridges, *_beyond(commands, setup.limits)),
+        noise_gain=noise_gain,
+        steps=steps,
+        remarks=(*out_of_order, *unbelievable, *uneven, *left_out, *bridges, *_beyond(commands, setup.limits), *fewer),
     )
 
 
@@ -229,6 +245,15 @@ def _needs(sheet: Sheet, names: tuple[str, ...], what: str, example: str) -> Non
 def _enough(path: Path, rows: int) -> None:
     if rows < FEWEST:
         raise InputError(path, "", None, f"has {rows} rows that can be used; at least {FEWEST} are needed")
+
+
+def _enough_left(path: Path, factor: int, before: int, after: int) -> None:
+    if after < FEWEST:
+        remedy = (
+            f"leaves {after} of {before} samples, and at least {FEWEST} are needed; at each end "
+            f"{decimation.REACH * factor} are left out: choose a smaller number"
+        )
+        raise InputError(path, "decimate", f"{factor}", remedy)
 
 
 def _sensors(sheet: Sheet, measurements: Measurements) -> dict[str, Sensor]:

@@ -82,6 +82,11 @@ class Run:
         What is known of the sensors, by column.
     role_is_stated, between_is_stated
         Whether somebody chose the role, `split` leaves such runs alone; or said what happens between samples.
+    noise_gain
+        White noise of these readings over that of the readings as they were recorded, where these were decimated.
+    steps
+        Smallest difference between two readings as they were recorded, where these were decimated, by column; zero
+        where they do not show it.
     remarks
         What was wrong with the recording, where, and what was done about it.
     """
@@ -102,6 +107,8 @@ class Run:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     role_is_stated: bool = False
     between_is_stated: bool = False
+    noise_gain: float = 1.0
+    steps: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     @property

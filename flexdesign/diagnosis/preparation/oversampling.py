@@ -1,0 +1,92 @@
+"""Runs that are sampled far more often than their motion needs: how many of their samples would do.
+
+Simulations take a step or more in every sample, so that a diagnosis of an oversampled run takes as many times longer.
+What matters of a response is the power that follows its command; the band that holds all but a residual that counts as
+none is found from the coherence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexdesign.core import units
+from flexdesign.diagnosis.preparation.dataset import SAMPLES_SEARCHED
+from flexdesign.diagnosis.preparation.frequencies import cross_spectra
+from flexdesign.measurements.recordings import Run
+from flexdesign.measurements.recordings.run import commanded_by
+
+#: A response has several samples in each period of what it does; fewer bend every sine.
+FEWEST_PER_PERIOD = 8
+#: Segments in a record, half of each in the next one, and the chance that unrelated signals seem to be related at one
+#: frequency.
+SEGMENTS, CHANCE = 8, 1e-3
+
+
+@dataclass(frozen=True)
+class Oversampling:
+    """That fewer samples would do.
+
+    Parameters
+    ----------
+    what, remedy
+        What was seen, and what to do about it, each in a sentence without its full stop.
+    """
+
+    what: str
+    remedy: str
+
+
+def oversampling_of(runs: Sequence[Run], axis: str, negligible: float) -> Oversampling | None:
+    """Return how far the runs of an axis are oversampled; None if they are not, or are short enough as they are.
+
+    Parameters
+    ----------
+    runs
+        As they were recorded.
+    axis
+        Name of the response.
+    negligible
+        What counts as nothing, rms [response].
+    """
+    there = [run for run in runs if axis in run.columns]
+    samples, rates = sum(len(run.time) for run in there), [1 / run.period for run in there]
+    if samples <= SAMPLES_SEARCHED or (factor := decimation_factor(there, axis, negligible)) < 2:
+        return None
+    band = units.hertz(min(rates) / (FEWEST_PER_PERIOD * factor), 3)
+    what = f"{axis} follows its command up to about {band} and is sampled at {units.hertz(max(rates), 5)}"
+    remedy = (
+        f"write decimate = {factor} in measurements.toml: every {factor}. sample, behind a low-pass, shows the same "
+        f"motion, and a diagnosis of {samples // factor} samples is about {factor} times as fast"
+    )
+    return Oversampling(what, remedy)
+
+
+def decimation_factor(runs: Sequence[Run], axis: str, negligible: float) -> int:
+    """Return which sample of runs would do, the same in all; 1 if they are not oversampled; see `oversampling_of`."""
+    factors = [_factor(run, axis, negligible) for run in runs]
+    return min((factor for factor in factors if factor), default=1)
+
+
+def _factor(run: Run, axis: str, negligible: float) -> int | None:
+    """Return which sample of a run would do; None if its command stands still or nothing follows it."""
+    column, values = commanded_by(axis, run.columns), run.columns[axis]
+    there = np.isfinite(values)
+    if column is None or not np.ptp(run.columns[column]) or not there.any():
+        return None
+    filled = np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
+    length = len(values) // SEGMENTS
+    if length < 2 * FEWEST_PER_PERIOD:
+        return 1
+    spectra = cross_spectra([(run.columns[column], filled - filled.mean())], run.period, length)
+    related = spectra.coherence > spectra.exceeded_by_chance(CHANCE)
+    power = np.where(related, spectra.coherent_power, 0.0) * spectra.frequencies[1]
+    above = np.cumsum(power[::-1])[::-1]
+    matters = np.flatnonzero(above > negligible**2)
+    if not len(matters):
+        return None
+    highest = float(spectra.frequencies[matters[-1]]) + float(spectra.frequencies[1])
+    return max(1, math.floor(1 / (run.period * FEWEST_PER_PERIOD * highest)))
