@@ -333,6 +333,50 @@ def test_responses_of_matlab_in_angular_frequency_and_in_decibels(
         assert np.abs(1e6 * found.response / H - 1).max() < 1e-7
 
 
+def test_variables_of_matlab_whose_names_end_in_a_unit(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """A structure as an analyser's script leaves it: two responses, the frequency in hertz and in radians."""
+    from scipy.io import savemat
+
+    frf = {"G_amplifier": 1 / (1 + 1j * F / 900), "G_stage": H, "w_s": 2 * np.pi * F, "freqs_Hz": F}
+    savemat(tmp_path / "sweep.mat", {"modelFit": {"frf": frf}})
+    ended = command_line("import", "sweep.mat")
+    assert ended.code == 2
+    assert 'which of "modelFit.frf.G_amplifier" and "modelFit.frf.G_stage" is the response' in ended.stderr
+    assert "freqs_Hz" not in ended.stderr  # its unit is in its name
+    proposed = tomllib.loads(ended.stdout)["run"][0]["columns"]
+    assert proposed["f"] == {"variable": "modelFit.frf.freqs_Hz"}
+    chosen = ended.stdout.replace('unit = "?"', 'unit = "um/V"').replace('G_amplifier"  # a', 'G_stage"  # a')
+    (tmp_path / "map.toml").write_text(chosen)
+    assert command_line("import", "sweep.mat", "--map", "map.toml", "-o", "G").code == 0
+    (found,) = read_recordings([tmp_path / "G"])
+    assert isinstance(found, FrequencyResponse)
+    assert found.frequencies == pytest.approx(F, rel=1e-9)
+    assert np.abs(1e6 * found.response / H - 1).max() < 1e-7
+    savemat(tmp_path / "run.mat", {"log": {"time_ms": 1e3 * T, "command_V": U, "position_nm": 1e3 * X}})
+    assert command_line("import", "run.mat", "-o", "runs").code == 0
+    (run,) = read_runs([tmp_path / "runs"])
+    assert run.period == pytest.approx(1 / RATE)
+    assert run.measured() == pytest.approx(1e-6 * X)
+
+
+def test_a_log_that_was_stopped_in_its_last_line(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    (tmp_path / "log.csv").write_text("t [s],u [V],x [um]\n" + rows(T, U, X) + "0.06,4")
+    ended = command_line("import", "log.csv", "-o", "runs")
+    assert ended.code == 0
+    assert "log.csv: the last line, '0.06,4', is cut off; left out" in ended.stdout
+    (run,) = read_runs([tmp_path / "runs"])
+    assert len(run.time) == N
+
+
+def test_a_clock_of_another_length_than_the_data(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "log.mat", {"time_s": T[:-1], "u_V": U, "x_um": X})
+    ended = command_line("import", "log.mat", "-o", "runs")
+    assert ended.code == 2
+    assert 'if the clock is even, leave column t out and write its rate = "1 kHz" instead' in ended.stderr
+
+
 # --- Many files
 
 

@@ -292,4 +292,4 @@ def in_the_loop(
         variants = {AS_MODELLED: bare, f"with {called}": with_it}
         return InTheLoop(simulation.run(bare, variants, replace(plan, experiments=tuple(chosen)), progress))
     except InputError as error:
-        return InTheLoop(None, error.remedy)
+        return InTheLoop(None, f"{error.field} {error.remedy}".strip())

@@ -297,7 +297,7 @@ def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str]
             progress(f"simulating what distinguishes {group[0]} from {other}")
             resolved.append(resolve_effects(model, (group[0], other), menu, found.noise_floor))
     except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
-        return Proposal(group, tuple(resolved), error.remedy)
+        return Proposal(group, tuple(resolved), f"{error.field} {error.remedy}".strip())
     return Proposal(group, tuple(resolved))
 
 

@@ -68,7 +68,8 @@ def assemble(contents: Contents, plan: Map, numbers: Sequence[int] | None = None
         units of a formula do not go together, or columns of one run differ in length.
     """
     chosen = range(len(plan.runs)) if numbers is None else numbers
-    return [recording for number in chosen for recording in _Maker(contents, plan, number).make()]
+    made = [recording for number in chosen for recording in _Maker(contents, plan, number).make()]
+    return [replace(made[0], remarks=(*contents.remarks, *made[0].remarks)), *made[1:]] if made else made
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,11 @@ class _Maker:
         count, length = max(rows for rows, _ in sizes.values()), next(iter(sizes.values()))[1]
         if any(rows not in (1, count) or n != length for rows, n in sizes.values()):
             remark = ", ".join(f"{name} {rows} x {n}" for name, (rows, n) in sizes.items())
-            remedy = f"differ in realisations x samples ({remark}); take variables that were recorded together"
+            of_data = {n for name, (_, n) in sizes.items() if name != "t"}
+            what = "take variables that were recorded together"
+            if len(of_data) == 1 and "t" in sizes:
+                what = 'if the clock is even, leave column t out and write its rate = "1 kHz" instead'
+            remedy = f"differ in realisations x samples ({remark}); {what}"
             raise self.refused(f"{self.place}.columns", None, remedy)
         name = self.run.name or self.contents.paths[0].stem
         made = []

@@ -77,11 +77,14 @@ class Contents:
         By name; where two files have one name, with the stem of the file before it: ``second:x``.
     notes
         Other statements of the files, such as lines above the header of a table.
+    remarks
+        What was left out of them.
     """
 
     paths: tuple[Path, ...]
     variables: Mapping[str, Variable]
     notes: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def find(self, name: str, file: Path, field: str) -> Variable:
         """Return a variable that `field` of a map `file` asks for.

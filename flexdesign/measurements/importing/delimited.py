@@ -49,8 +49,8 @@ class Dialect:
     table: int | None = None
 
 
-def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable], tuple[str, ...]]:
-    """Return the columns of a table by name, and the lines above its header.
+def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable], tuple[str, ...], tuple[str, ...]]:
+    """Return the columns of a table by name, the lines above its header, and what was left out.
 
     Header lines are those before the first row of numbers that have as many cells, whatever their number: a line whose
     cells are all units gives the units, the line above it the names. A unit may stand in its name's cell, ``x [um]``,
@@ -83,6 +83,7 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     if all(len(row) > 1 and not row[-1] for row in table[first:]):  # every row ends in a separator
         table = [row[:-1] if row and not row[-1] else row for row in table]
     width, rows = len(table[first]), table[first:]
+    cut_off = rows.pop() if len(rows) > 1 and len(rows[-1]) < width else None  # as of a log that was stopped
     if ragged := next((k for k, row in enumerate(rows) if len(row) != width), None):
         remedy = f"has {len(rows[ragged])} cells where the first row of numbers has {width}"
         raise InputError(
@@ -98,10 +99,11 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
             of_day = _of_day(cells)
             numbers = np.array([_number(cell, decimal) for cell in cells]) if of_day is None else of_day
             made = from_memory(numbers, units[k] if of_day is None else "s")
-            found[name] = replace(made, lines=numbered[first:])
+            found[name] = replace(made, lines=numbered[first : first + len(rows)])
         elif len(alone := [row[k] for row in rows if row[k]]) == 1 and _is_number(alone[0], decimal) and not units[k]:
             found[name] = from_memory(np.array(_number(alone[0], decimal)), "")  # a sampling time next to the table
-    return found, notes
+    left_out = () if cut_off is None else (f"the last line, {content[-1].strip()!r}, is cut off; left out",)
+    return found, notes, left_out
 
 
 def _tables(table: Sequence[Sequence[str]], decimal: str) -> list[slice]:

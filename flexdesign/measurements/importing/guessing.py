@@ -293,8 +293,10 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
     lines = {
         each: roles.line_of(_label(each, v), header_cells.si_of(v.unit)) for each, v in arrays.items() if each != name
     }
-    frequency = next((each for each, what in lines.items() if what == "f"), "")
-    columns.append(_frequency(frequency, arrays, questions))
+    columns.append(_frequency(_clearest_frequency(lines, arrays), arrays, questions))
+    others = [each for each, variable in arrays.items() if variable.is_complex and each != name]
+    if others and "transfer" not in roles.classes(_short(name)):
+        questions.append(f"which of {_list([name, *others])} is the response")
     if arrays[name].unit and _fits(RESPONSE, arrays[name]):
         columns.append(Column(RESPONSE, name))
     else:
@@ -311,13 +313,18 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
     return Guess(tuple(columns), "", ("?", "?") if several else (), True, tuple(questions), left)
 
 
+def _clearest_frequency(lines: Mapping[str, str], arrays: Mapping[str, Variable]) -> str:
+    """Return the frequency of several: one whose unit is known, then one that is no angular one; empty if none is."""
+    named = [each for each, what in lines.items() if what == "f"]
+    return min(named, default="", key=lambda n: (not arrays[n].unit, "angular" in roles.classes(_label(n, arrays[n]))))
+
+
 def _frequency(name: str, arrays: Mapping[str, Variable], questions: list[str]) -> Column:
     if not name:
         questions.append("which variable is the frequency f")
         return Column("f", "", "?", remark="Hz?")
-    if "angular" in roles.classes(_label(name, arrays[name])) and not arrays[name].unit and name.isidentifier():
-        remark = "an angular frequency, by its name"
-        return Column("f", "", "Hz", f"{name} / (2 * pi)", variables={name: "rad/s"}, remark=remark)
+    if "angular" in roles.classes(_label(name, arrays[name])) and not arrays[name].unit:
+        return Column("f", name, "rad/s", remark="an angular frequency, by its name")
     if arrays[name].unit:
         return Column("f", name)
     questions.append(f"the unit of {_phrase(name)}, the frequency f (Hz?)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,6 +13,7 @@ from flexdesign.measurements.importing import binary, delimited
 from flexdesign.measurements.importing.apart import apart, intact
 from flexdesign.measurements.importing.contents import Contents, Variable, library
 from flexdesign.measurements.importing.delimited import Dialect
+from flexdesign.measurements.importing.header_cells import split_unit
 from flexdesign.measurements.recordings import DESCRIPTION
 
 #: By the ending of the file; what has another one is read as a table in text.
@@ -56,18 +58,24 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
         If a file cannot be read as what its ending says, its reader is not installed, or it holds no numbers.
     """
     found = []
-    notes: list[str] = []
+    notes, remarks = list[str](), list[str]()
     for path in paths:
-        variables, remark = _open(path, dialect)
+        variables, said, left_out = _open(path, dialect)
         if not variables:
             objects = "; of an object, such as a timeseries, save the numbers: t = ts.Time, u = ts.Data"
             remedy = f"holds no array of numbers{objects if path.suffix.lower() == '.mat' else ''}"
             raise InputError(path, "", None, remedy)
-        notes += remark
-        found += [(path, name, replace(variable, path=path)) for name, variable in variables.items()]
+        notes += said
+        remarks += [f"{path.name}: {each}" for each in left_out]
+        found += [(path, name, replace(_with_unit(name, variable), path=path)) for name, variable in variables.items()]
     times = Counter(name for _, name, _ in found)
     named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}
-    return Contents(tuple(paths), named, tuple(notes))
+    return Contents(tuple(paths), named, tuple(notes), tuple(remarks))
+
+
+def _with_unit(name: str, variable: Variable) -> Variable:
+    """Return a variable with the unit that its name ends in, if the file says none: ``log.time_ms``."""
+    return variable if variable.unit else replace(variable, unit=split_unit(re.split(r"[.:/]", name)[-1])[1])
 
 
 def list_files(paths: Sequence[Path]) -> list[Path]:
@@ -93,7 +101,7 @@ def _is_recording(path: Path) -> bool:
     return path.is_file() and not path.name.startswith(".") and path.suffix.lower() != ".toml"
 
 
-def _open(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...]]:
+def _open(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...], tuple[str, ...]]:
     ending = path.suffix.lower()
     try:
         with path.open("rb"):  # what the system says is clearer than what libraries make of it
@@ -106,6 +114,6 @@ def _open(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str,
         return delimited.read(path, dialect)
     read = READERS[ending]
     if ending not in APART:
-        return intact(path, lambda: read(path)), ()
+        return intact(path, lambda: read(path)), (), ()
     library(APART[ending], path)
-    return apart(path, read, path.absolute()), ()
+    return apart(path, read, path.absolute()), (), ()

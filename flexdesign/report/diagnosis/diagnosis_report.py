@@ -112,7 +112,7 @@ def document(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> Document:
 
 
 def _sections(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
-    axis = diagnosis.before.axes[diagnosis.axis]
+    axis, mode = diagnosis.before.axes[diagnosis.axis], diagnosis.model.axes[diagnosis.axis].natural_frequency
     before, after = compare_model(diagnosis, "calibrated"), compare_model(diagnosis, "found")
     changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in diagnosis.error_ladder)
     stands = [("recalibrated", before), (_model_name(diagnosis), after)] if changed else [("recalibrated", before)]
@@ -121,7 +121,7 @@ def _sections(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[Secti
     return [
         Section("The error ladder", _ladder_text(diagnosis), [ladder_table(diagnosis)], [bars]),
         *time_domain(stands, _runs_text(diagnosis), kinds),
-        *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, axis.natural_frequency),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, mode),
         *(_effect(diagnosis, named) for named in diagnosis.effects),
         Section("What was tried", _candidates_text(diagnosis), [candidates(diagnosis)] if diagnosis.candidates else []),
         *_apart(diagnosis, proposals),

@@ -195,7 +195,7 @@ def summary(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     if diagnosis.verdict == "unknown" and not diagnosis.possible_effects and (near := refused(diagnosis)):
         sentences.append(near)
     if diagnosis.verdict == "unknown" or diagnosis.remainder_rms:
-        left, mode = compare_model(diagnosis, "found"), diagnosis.before.axes[diagnosis.axis].natural_frequency
+        left, mode = compare_model(diagnosis, "found"), diagnosis.model.axes[diagnosis.axis].natural_frequency
         looks = words.sentences(left) if diagnosis.runs else []
         looks += response_pages.sentences(left.responses, mode) if diagnosis.responses else []
         shape = f" {_sentence(diagnosis.remainder)}." if diagnosis.remainder else ""
