@@ -175,3 +175,16 @@ def test_without_coherence_the_noise_is_guessed_from_neighbours() -> None:
     coloured = replace(FrequencyResponse("sweep", f, noisy), coherence=np.full(80, 0.9999))
     assert not line_noise(coloured).known
     assert np.median(line_noise(coloured).sigma) == pytest.approx(1e-8, rel=0.33)
+
+
+def test_of_a_guess_quiet_lines_count_no_more_than_the_highest_peak() -> None:
+    """A mode that scatters by 1 % from line to line, and is measured to 1e-4 far below it, as by a stepped sine."""
+    f = np.geomspace(1.0, 400.0, 300)
+    mode = 2e-6 / (1 - (f / 118.0) ** 2 + 2j * 0.03 * f / 118.0)
+    scatter = np.where(f < 30, 1e-4, 1e-2) * np.random.default_rng(3).standard_normal((2, 300)) / np.sqrt(2)
+    noise = line_noise(FrequencyResponse("sweep", f, mode * (1 + scatter[0] + 1j * scatter[1])))
+    share = noise.sigma / np.abs(mode)
+    about_peak = np.median(share[np.abs(f / 118 - 1) < 0.03])
+    assert share.min() == pytest.approx(about_peak, rel=0.1)
+    # A tenth of a bandwidth from line to line bends a little: the cubic through neighbours leaves as much as the noise.
+    assert about_peak == pytest.approx(1e-2 / np.sqrt(2), rel=1.0)

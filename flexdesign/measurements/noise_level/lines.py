@@ -95,7 +95,11 @@ def line_noise(response: FrequencyResponse) -> LineNoise:
         variance = variance * (count / left) * left / math.exp(float(digamma(left)))
         dof = float(2 * (count - 1) * len(size))
         return LineNoise(np.sqrt(np.maximum(variance, floor**2)), True, max(dof, 1.0))
-    return LineNoise(np.maximum(_line_scatter(response), floor), False, 0.0)
+    sigma = np.maximum(_line_scatter(response), floor)
+    # What a model lacks is a share of the response, which a guess does not know: quiet lines far below a resonance
+    # would outvote it. None counts more than those within half the power of the highest peak.
+    highest = size >= size.max() / math.sqrt(2)
+    return LineNoise(np.maximum(sigma, float(np.median(sigma[highest] / size[highest])) * size), False, 0.0)
 
 
 def _line_scatter(response: FrequencyResponse) -> Array:
