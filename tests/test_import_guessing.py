@@ -368,6 +368,16 @@ def test_a_log_that_was_stopped_in_its_last_line(tmp_path: Path, command_line: C
     assert len(run.time) == N
 
 
+def test_a_log_of_several_channels_one_below_another(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """As the archiver of a control system writes it: name of the channel, day, time of day, value."""
+    moments = [f"2020-12-09 15:16:{k / 10:06.3f}" for k in range(100)]
+    lines = [f"bench:{'motor' if k % 3 else 'resolver'} {moment} {k / 7:.6f}" for k, moment in enumerate(moments)]
+    (tmp_path / "slits.log").write_text("\n".join(lines) + "\n")
+    ended = command_line("import", "slits.log")
+    assert ended.code == 2
+    assert "a column holds the words bench:motor, bench:resolver: if they name channels" in ended.stdout
+
+
 def test_a_clock_of_another_length_than_the_data(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     from scipy.io import savemat
 

@@ -21,6 +21,8 @@ from flexdesign.measurements.importing.contents import Variable, from_memory
 SEPARATORS = (";", "\t", ",", "|", " ")
 #: Rows from which the separator is found.
 SAMPLE = 20
+#: More different words in a column are not the names of channels.
+MOST_CHANNELS = 20
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 
 
@@ -102,8 +104,17 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
             found[name] = replace(made, lines=numbered[first : first + len(rows)])
         elif len(alone := [row[k] for row in rows if row[k]]) == 1 and _is_number(alone[0], decimal) and not units[k]:
             found[name] = from_memory(np.array(_number(alone[0], decimal)), "")  # a sampling time next to the table
+    if sum(variable.unit != "s" for variable in found.values()) == 1:
+        notes += _channels([[row[k] for row in rows] for k in range(width) if k not in numeric])
     left_out = () if cut_off is None else (f"the last line, {content[-1].strip()!r}, is cut off; left out",)
     return found, notes, left_out
+
+
+def _channels(columns: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return notes on columns of words that may name the channel of each row, as in logs of control systems."""
+    several = [sorted(set(words)) for words in columns if 1 < len(set(words)) <= MOST_CHANNELS]
+    remedy = "if they name channels, whose values stand one below another, write a file with a column for each"
+    return tuple(f"a column holds the words {', '.join(words)}: {remedy}" for words in several)
 
 
 def _tables(table: Sequence[Sequence[str]], decimal: str) -> list[slice]:
