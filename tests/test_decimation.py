@@ -136,6 +136,8 @@ def test_check_says_how_many_samples_would_do_and_then_nothing(folder: Path) -> 
     # Of 1000 samples in a period of the mode more than eight are left; steps also excite what is faster.
     assert 1e5 / factor > 8 * 100
     assert factor > 5
+    describe(folder, "decimate = 2\n")  # of the rest half would do, too; it is chosen
+    assert "decimate" not in str(fd.check([folder / "a.csv", folder / "b.csv"]).suspicions)
     describe(folder, f"decimate = {factor}\n")
     found = fd.check([folder / "a.csv", folder / "b.csv"])
     assert not [each for each in found.suspicions if "decimate" in each.remedy or "low-pass" in each.what]
@@ -165,5 +167,5 @@ def test_import_passes_it_on(folder: Path, tmp_path: Path) -> None:
         app, ["import", f"{tmp_path / 'log.txt'}", "--map", f"{tmp_path / 'map.toml'}", "-o", f"{tmp_path / 'runs'}"]
     )
     assert result.exit_code == 0, result.output
-    assert "every 40. sample is used" in " ".join(result.output.split())
+    assert "one sample in 40 is used" in " ".join(result.output.split())
     assert read_run(tmp_path / "runs" / "log.csv").period == pytest.approx(4e-4)

@@ -79,7 +79,7 @@ def of_runs(runs: Sequence[Run]) -> list[Suspicion]:
     found = [
         Suspicion(name, remark, next((remedy for word, remedy in _REMEDIES.items() if word in remark), ""))
         for name, remark in remarks
-        if "blocks of one record" not in remark and "sample is used" not in remark
+        if "blocks of one record" not in remark and "behind a low-pass" not in remark
     ]
     found += _equal_commands(runs)
     whole = {run.name.partition(":")[0]: run for run in runs}

@@ -41,7 +41,7 @@ class Oversampling:
 
 
 def oversampling_of(runs: Sequence[Run], axis: str, negligible: float) -> Oversampling | None:
-    """Return how far the runs of an axis are oversampled; None if they are not, or are short enough as they are.
+    """Return how far the runs of an axis are oversampled; None if they are not, are short, or decimated already.
 
     Parameters
     ----------
@@ -53,13 +53,15 @@ def oversampling_of(runs: Sequence[Run], axis: str, negligible: float) -> Oversa
         What counts as nothing, rms [response].
     """
     there = [run for run in runs if axis in run.columns]
+    if any(run.noise_gain != 1 for run in there):
+        return None
     samples, rates = sum(len(run.time) for run in there), [1 / run.period for run in there]
     if samples <= SAMPLES_SEARCHED or (factor := decimation_factor(there, axis, negligible)) < 2:
         return None
     band = units.hertz(min(rates) / (FEWEST_PER_PERIOD * factor), 3)
     what = f"{axis} follows its command up to about {band} and is sampled at {units.hertz(max(rates), 5)}"
     remedy = (
-        f"write decimate = {factor} in measurements.toml: every {factor}. sample, behind a low-pass, shows the same "
+        f"write decimate = {factor} in measurements.toml: one sample in {factor}, behind a low-pass, shows the same "
         f"motion, and a diagnosis of {samples // factor} samples is about {factor} times as fast"
     )
     return Oversampling(what, remedy)

@@ -109,7 +109,7 @@ def decimate(
         found[name] = filtered
     rate = (len(time) - 1) / (time[-1] - time[0])
     remark = (
-        f"every {factor}. sample is used, behind a low-pass of zero phase at {0.5 * EDGE * rate / factor:.4g} Hz: "
+        f"one sample in {factor} is used, behind a low-pass of zero phase at {0.5 * EDGE * rate / factor:.4g} Hz: "
         f"{len(kept)} of {len(time)}"
     )
     return time[kept], found, remark
