@@ -60,6 +60,15 @@ def test_magnitude_and_phase_or_both_parts_are_the_same_response(tmp_path: Path)
     assert turned.response == pytest.approx(MODE, rel=1e-9)
 
 
+def test_lines_outside_of_a_stated_band_are_left_out(tmp_path: Path) -> None:
+    found = read_frequency_response(written(tmp_path, POLAR, polar(), 'band = ["10 Hz", "0.2 kHz"]\n'))
+    inside = (LINES >= 10) & (LINES <= 200)
+    assert found.frequencies == pytest.approx(LINES[inside])
+    assert found.response == pytest.approx(MODE[inside], rel=1e-9)
+    (remark,) = found.remarks
+    assert remark == f"lines outside of 10 Hz to 200 Hz are left out: {60 - inside.sum()} of 60"
+
+
 def test_a_command_that_was_written_scaled_is_read_in_volts_of_the_command(tmp_path: Path) -> None:
     written(tmp_path, POLAR, polar())
     top = 'scale = 20\nbias = "1 V"\n[[run]]\nfile = "sweep.csv"\namplitude = "0.1 V"\nbias = "2 V"\n'
@@ -90,6 +99,8 @@ def changed(row: int, cell: int, value: float) -> list[list[float]]:
         (POLAR.replace("coherence", "amplitude [V]"), changed(4, 3, 1.0), "", "column amplitude", "split it"),
         (POLAR.replace("coherence", "averages"), polar(2.5), "", "averages", "whole number"),
         (POLAR, polar(), "averages = 1\n", "averages", "no coherence"),
+        (POLAR, polar(), 'band = ["500 Hz", "1 kHz"]\n', "", "at least 8"),
+        (POLAR, polar(), 'band = ["1 kHz", "1 Hz"]\n', "band", "the first must be the lower one"),
     ],
 )
 def test_what_is_wrong_is_named(

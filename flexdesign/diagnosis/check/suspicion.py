@@ -246,7 +246,8 @@ def _upper_density(noise: NoiseFloor, name: str) -> float:
 
 def of_response(response: FrequencyResponse) -> list[Suspicion]:
     """Return what is suspicious of a frequency response."""
-    found = [Suspicion(response.name, remark, "") for remark in response.remarks]
+    remarks = (remark for remark in response.remarks if "lines outside of" not in remark)  # somebody chose that
+    found = [Suspicion(response.name, remark, "") for remark in remarks]
     if response.coherence is None:
         remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))

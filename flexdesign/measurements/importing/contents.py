@@ -125,3 +125,12 @@ def library(name: str, path: Path) -> Any:
         return import_module(name)
     except ImportError as error:
         raise InputError(path, "", None, extras.requirement(name)) from error
+
+
+def short_name(name: str) -> str:
+    """Return a name without the file, the group or the structure it is in.
+
+    >>> short_name("log.Y.time_ms"), short_name("first:bench/AO0")
+    ('time_ms', 'AO0')
+    """
+    return name.replace(":", "/").replace(".", "/").rpartition("/")[2]

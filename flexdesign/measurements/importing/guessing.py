@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from flexdesign.core import unit_tables
 from flexdesign.core.errors import InputError
-from flexdesign.measurements.importing import header_cells, roles
-from flexdesign.measurements.importing.contents import Contents, Variable
+from flexdesign.measurements.importing import header_cells, rates, roles
+from flexdesign.measurements.importing.contents import Contents, Variable, short_name
 from flexdesign.measurements.importing.mapping import OF_RESPONSES, RESPONSE
 from flexdesign.measurements.importing.roles import Role
 from flexdesign.measurements.recordings import ALLOWED, AXES, FEWEST
 from flexdesign.measurements.recordings.time_base import fit_grid
 
-#: Names of scalars that are a sampling rate in Hz, or the time between samples in s.
-RATES = ("fs", "fsamp", "rate", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency", "abtastrate")
-PERIODS = (
-    "ts", "dt", "tsample", "tinterval", "sampletime", "samplingtime", "sampleinterval", "samplinginterval",
-    "abtastzeit",
-)  # fmt: skip
-#: The same in lines above a table: the words, the number, its unit.
-_PHRASES = re.compile(
-    r"(sampl\w*[ _]*(?:rate|freq\w*)|abtastrate|\bfs\b)\W*([0-9.,eE+-]+)\W*([kM]?Hz|[kM]?S/s)?|"
-    r"(sampl\w*[ _]*(?:interval|time|period)|abtastzeit|\bdt\b|\bts\b)\W*([0-9.,eE+-]+)\W*([num\u00b5]?s(?:ec)?)?\b",
-    re.I,
-)
 #: The unit that is proposed where nothing is known.
 USUAL = {
     "t": "s", "u": "V", "x": "um", "r": "um", "v": "V", "i": "A", "f": "N", "T": "degC",
@@ -114,7 +101,7 @@ def guess(contents: Contents) -> Guess:
     is_complex = [name for name, variable in arrays.items() if variable.is_complex]
     if is_complex:
         return _complex_response(
-            contents, arrays, max(is_complex, key=lambda n: "transfer" in roles.classes(_short(n)))
+            contents, arrays, max(is_complex, key=lambda n: "transfer" in roles.classes(short_name(n)))
         )
     lines = {name: roles.line_of(_label(name, v), header_cells.si_of(v.unit)) for name, v in arrays.items()}
     shapes = ({"f", "magnitude", "phase"}, {"f", "re", "im"})
@@ -126,12 +113,7 @@ def guess(contents: Contents) -> Guess:
 
 def _label(name: str, variable: Variable) -> str:
     """Return what a file calls a variable."""
-    return variable.label or _short(name)
-
-
-def _short(name: str) -> str:
-    """Return a name without the file, the group or the structure it is in."""
-    return name.replace(":", "/").replace(".", "/").rpartition("/")[2]
+    return variable.label or short_name(name)
 
 
 def _role(name: str, variable: Variable) -> Role:
@@ -172,7 +154,7 @@ def _run(contents: Contents, arrays: Mapping[str, Variable]) -> Guess:
     axes = ("?", "?") if several else ()
     if axes:
         questions.append("what the axes of the arrays are (sample, channel, realisation, period), and which channel")
-    rate = "" if time or any(v.step for v in arrays.values()) else _rate(contents)
+    rate = "" if time or any(v.step for v in arrays.values()) else rates.stated_rate(contents)
     if rate == "?":
         questions.append("the sampling rate, as there is no time")
     left = tuple(name for name in arrays if name not in {c.variable for c in columns} and name != time)
@@ -220,7 +202,7 @@ def _choose(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], lis
     names = list(clear)
     if len(names) < 2:
         axis = next((role.axis for role in clear.values() if role.axis in AXES), "")
-        axis = "" if axis == "y" and roles.is_output(_short(names[0])) else axis  # the output y, with the input u
+        axis = "" if axis == "y" and roles.is_output(short_name(names[0])) else axis  # the output y, with the input u
         doubt = []
         if names and best == 0 and letter == "u":
             doubt = [f"whether {_phrase(names[0])} is the command; only its unit says so"]
@@ -235,7 +217,7 @@ def _choose(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], lis
 def _only_candidate(found: Mapping[str, Role], commands: Mapping[str, str]) -> dict[str, str]:
     """Return the only variable that could be the response, where none is called or measured like one."""
     left = [name for name, role in found.items() if name not in commands.values() and role.column in ("", "u", "v")]
-    left = [name for name in left if "count" not in roles.classes(_short(name))]
+    left = [name for name in left if "count" not in roles.classes(short_name(name))]
     return {"": left[0]} if len(left) == 1 else {}
 
 
@@ -295,7 +277,7 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
     }
     columns.append(_frequency(_clearest_frequency(lines, arrays), arrays, questions))
     others = [each for each, variable in arrays.items() if variable.is_complex and each != name]
-    if others and "transfer" not in roles.classes(_short(name)):
+    if others and "transfer" not in roles.classes(short_name(name)):
         questions.append(f"which of {_list([name, *others])} is the response")
     if arrays[name].unit and _fits(RESPONSE, arrays[name]):
         columns.append(Column(RESPONSE, name))
@@ -368,34 +350,6 @@ def _line(what: str, name: str, variable: Variable, questions: list[str]) -> Col
         return Column(what, name, "?", remark=_scaled(variable.unit))
     questions.append(f"the unit of {_phrase(name)}, the {what} per volt (um/V?)")
     return Column(what, name, "?")
-
-
-def _rate(contents: Contents) -> str:
-    """Return the sampling rate that a scalar or a line above a table states; ``?`` if none does."""
-    for name, variable in contents.variables.items():
-        plain = re.sub(r"[\W_]", "", _short(name).lower())
-        if variable.size == 1 and not variable.is_complex and plain in (*RATES, *PERIODS):
-            number = float(variable.values().item())
-            if math.isfinite(number) and number > 0:
-                return f"{number if plain in RATES else 1 / number:.12g} Hz"
-    return next(_stated_rates(contents.notes), "?")
-
-
-def _stated_rates(notes: Sequence[str]) -> Iterator[str]:
-    for note in notes:
-        for match in _PHRASES.finditer(note[:200]):
-            text = (match[2] or match[5] or "").rstrip(".,").replace(",", ".")
-            try:
-                number = float(text)
-            except ValueError:
-                continue
-            if not (math.isfinite(number) and number > 0):
-                continue
-            unit = match[3] or match[6] or ""
-            if match[2]:
-                yield f"{number * {'k': 1e3, 'M': 1e6}.get(unit[:1], 1.0):.12g} Hz"
-            else:
-                yield f"{1 / (number * {'m': 1e-3, 'u': 1e-6, 'µ': 1e-6, 'n': 1e-9}.get(unit[:1], 1.0)):.12g} Hz"
 
 
 def _phrase(name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,7 +10,7 @@ from pathlib import Path
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing import binary, delimited
 from flexdesign.measurements.importing.apart import apart, intact
-from flexdesign.measurements.importing.contents import Contents, Variable, library
+from flexdesign.measurements.importing.contents import Contents, Variable, library, short_name
 from flexdesign.measurements.importing.delimited import Dialect
 from flexdesign.measurements.importing.header_cells import split_unit
 from flexdesign.measurements.recordings import DESCRIPTION
@@ -75,7 +74,7 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
 
 def _with_unit(name: str, variable: Variable) -> Variable:
     """Return a variable with the unit that its name ends in, if the file says none: ``log.time_ms``."""
-    return variable if variable.unit else replace(variable, unit=split_unit(re.split(r"[.:/]", name)[-1])[1])
+    return variable if variable.unit else replace(variable, unit=split_unit(short_name(name))[1])
 
 
 def list_files(paths: Sequence[Path]) -> list[Path]:

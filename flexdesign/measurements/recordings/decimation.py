@@ -47,7 +47,7 @@ def noise_gain(factor: int) -> float:
     """Return the standard deviation of white noise behind the low-pass over that before it.
 
     >>> round(noise_gain(20) * 20**0.5, 2)
-    0.87
+    0.84
     """
     return math.sqrt(float(np.sum(low_pass(factor) ** 2)))
 

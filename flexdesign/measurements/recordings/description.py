@@ -29,6 +29,7 @@
     amplitude = "2 V"                     # of a sine stepped from line to line; left out for a multisine
     bias = "40 V"                         # about which the command moved
     averages = 16                         # of each line
+    band = ["1 Hz", "1.3 kHz"]            # lines outside are left out
     period = "0.1 ms"                     # between samples of a command that is held; left out for a continuous one
 
 Everything may be left out. What a ``[[run]]`` says of ``closed_loop``, ``between_samples`` and ``decimate`` goes before
@@ -137,6 +138,10 @@ def _volts(given: Any) -> float:
     return units.from_text(given, "V")
 
 
+def _hertz(given: Any) -> float:
+    return units.from_text(given, "Hz")
+
+
 class SensorTable(toml_files.Table):
     """``[sensors.x]``: what is known of the sensor behind the column x."""
 
@@ -180,6 +185,7 @@ class RunSettings(toml_files.Table):
     amplitude: in_si("V", 0.0, 1e9) | None = None  # type: ignore[valid-type]
     bias: in_si("V", -1e9, 1e9) | None = None  # type: ignore[valid-type]
     averages: toml_files.whole(1, 10**9) | None = None  # type: ignore[valid-type]
+    band: Annotated[Any, _span(_hertz, 'band = ["1 Hz", "1.3 kHz"]')] = None
     period: in_si("s", 0.0, 1e3) | None = None  # type: ignore[valid-type]
 
 

@@ -154,6 +154,7 @@ def read(path: Path, measurements: Measurements, settings: RunSettings) -> Frequ
     """
     sheet = unit_tables.read(path, ALLOWED, gaps=True, plain=PLAIN)
     response = _response(sheet)
+    sheet, response, outside = _in_band(sheet, response, settings.band)
     sheet, response, remarks = _usable(sheet, response)
     frequencies = _frequencies(sheet)
     setup = measurements.setup
@@ -181,8 +182,20 @@ def read(path: Path, measurements: Measurements, settings: RunSettings) -> Frequ
         kind=settings.kind,
         payload=settings.conditions.payload,
         role_is_stated=settings.role is not None,
-        remarks=tuple(remarks),
+        remarks=(*outside, *remarks),
     )
+
+
+def _in_band(
+    sheet: Sheet, response: Complex, band: tuple[float, float] | None
+) -> tuple[Sheet, Complex, tuple[str, ...]]:
+    """Return the lines within a band [Hz], and a remark on those that are left out."""
+    if band is None:
+        return sheet, response, ()
+    inside = (sheet.values[FREQUENCY] >= band[0]) & (sheet.values[FREQUENCY] <= band[1])
+    limits = f"{units.hertz(band[0])} to {units.hertz(band[1])}"
+    remark = f"lines outside of {limits} are left out: {np.count_nonzero(~inside)} of {len(inside)}"
+    return sheet.rows(inside), response[inside], (remark,)
 
 
 def _response(sheet: Sheet) -> Complex:
