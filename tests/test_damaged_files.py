@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import time
 from collections.abc import Callable
@@ -68,6 +69,13 @@ def test_a_message_is_the_same_from_another_process() -> None:
     with pytest.raises(InputError) as caught:
         subprocess_call.ask(60.0, unit_tables.read, Path("/nowhere/run.csv"), {})
     assert (caught.value.file, caught.value.field) == ("/nowhere/run.csv", "")
+
+
+def test_a_time_limit_is_one_of_processor_time() -> None:
+    """On a machine with much else to do a process waits, and is not at fault."""
+    assert subprocess_call.ask(0.5, time.sleep, 2.0) is None
+    with pytest.raises(subprocess_call.ProcessDied):
+        subprocess_call.ask(0.5, sum, itertools.count())
 
 
 def test_a_name_without_end_is_like_no_other() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import math
 import multiprocessing
 import os
 import pickle
@@ -26,6 +27,8 @@ P = ParamSpec("P")
 T = TypeVar("T")
 #: Files of a process: its input, its result, and the folder in which it runs.
 GIVEN, ANSWER, FOLDER = "given.pickle", "answer.pickle", "scratch"
+#: A process that has a limit of processor time may take this many times as long by the clock: machines are shared.
+CLOCK_PER_PROCESSOR = 10.0
 
 
 class ProcessDied(Exception):
@@ -73,7 +76,7 @@ class _Helper:
         with self._turn:
             process = self._running()
             assert process.stdin and process.stdout
-            late = threading.Timer(seconds, process.kill)
+            late = threading.Timer(CLOCK_PER_PROCESSOR * seconds, process.kill)
             late.start()
             try:
                 process.stdin.write(request)
@@ -115,14 +118,15 @@ atexit.register(_helper.end)
 def ask(seconds: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     """Call a module-level function in a process that is kept for the next call, and return what it returns.
 
-    What the function raises is raised here; what it writes on the terminal, and warns of, is lost.
+    The function may take so many seconds of processor time. What it raises is raised here; what it writes on the
+    terminal, and warns of, is lost.
 
     Raises
     ------
     ProcessDied
         If the process ended without an answer, or exceeded the time limit and was stopped.
     """
-    is_error, outcome = _helper.ask(seconds, pickle.dumps((function, args, kwargs)))
+    is_error, outcome = _helper.ask(seconds, pickle.dumps((seconds, function, args, kwargs)))
     if is_error:
         assert isinstance(outcome, BaseException)
         raise outcome
@@ -148,8 +152,22 @@ def _help(asked: IO[bytes], replies: IO[bytes]) -> None:
     warnings.simplefilter("ignore")
     with contextlib.suppress(EOFError):
         while True:
-            replies.write(_outcome(pickle.load(asked)))
+            seconds, function, args, kwargs = pickle.load(asked)
+            _allow(seconds)
+            replies.write(_outcome((function, args, kwargs)))
             replies.flush()
+
+
+def _allow(seconds: float) -> None:
+    """End this process after so much more processor time, where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    limit = math.ceil(spent.ru_utime + spent.ru_stime + seconds)
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 @contextlib.contextmanager

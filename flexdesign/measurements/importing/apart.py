@@ -11,7 +11,7 @@ from flexdesign.core.errors import InputError
 
 P = ParamSpec("P")
 T = TypeVar("T")
-#: Reading takes no longer than this [s], and so long for each byte besides.
+#: Reading takes no more processor time than this [s], and so much for each byte besides.
 LONGEST, PER_BYTE = 6.0, 1e-7
 
 
