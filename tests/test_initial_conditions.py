@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import newton
 
 from flexdesign import effects
 from flexdesign.core.model import Block
 from flexdesign.diagnosis import initialised_comparison
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.preparation.initial_conditions import initial_conditions, relaxing
+from flexdesign.diagnosis.preparation.initial_conditions import initial_conditions, modes, relaxing
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -129,6 +130,23 @@ def test_initial_conditions_are_an_offset_a_mode_that_rings_and_slow_states() ->
     assert columns.shape == (500, 3)
     sweep = FrequencyResponse("sweep", np.array([1.0, 2.0]), np.ones(2, dtype=complex))
     assert initial_conditions(acting(creep=CREEP), stroke)(sweep)[0].shape == (4, 0)
+
+
+def test_a_mode_rings_at_the_eigenvalue_that_linear_forces_give_it() -> None:
+    """A root of s^2 + 2 zeta w s + w^2 + w^2 (c s + the sum of g s / (s + rate)), found by the secant method."""
+    (block,) = [face for face in effects.find("structural_damping").faces if isinstance(face, Block)]
+    assert block.maxwell is not None
+    force, w = block.maxwell(DAMPING), 2 * math.pi * AXIS.natural_frequency
+
+    def characteristic(s: complex) -> complex:
+        relaxations = sum(g * s / (s + rate) for rate, g in force.elements)
+        return s**2 + 2 * AXIS.damping_ratio * w * s + w**2 * (1 + force.dashpot * s + relaxations)
+
+    root = newton(characteristic, w * complex(-AXIS.damping_ratio, 0.9))
+    ((frequency, damping_ratio),) = modes(acting(structural_damping=DAMPING))
+    assert frequency == pytest.approx(abs(root) / (2 * math.pi), rel=1e-9)
+    assert damping_ratio == pytest.approx(-root.real / abs(root), rel=1e-9)
+    assert frequency > 1.02 * AXIS.natural_frequency
 
 
 def test_every_mode_of_an_axis_rings() -> None:

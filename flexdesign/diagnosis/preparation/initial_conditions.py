@@ -14,6 +14,7 @@ from flexdesign.core.arrays import Array
 from flexdesign.core.model import Block, Model, Observation, Parameter
 from flexdesign.dynamics.axis.axis_model import REVERSALS, TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
+from flexdesign.dynamics.signal_chain.partial_fractions import parts
 from flexdesign.dynamics.stage_dynamics import chain
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -99,8 +100,9 @@ def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:
 
 
 def modes(axis: AxisModel) -> tuple[tuple[float, float], ...]:
-    """Return frequency [Hz] and damping ratio of the modes of an axis with its effects, the main one first."""
-    return tuple((mode.frequency, mode.damping_ratio) for mode in chain("", axis).modes)
+    """Return frequency [Hz] and damping ratio of the modes of an axis with its effects, linear forces among them."""
+    swinging = [(math.sqrt(part.a0), part.a1) for part in parts(chain("", axis)) if part.a0 > 0]
+    return tuple((w / (2 * math.pi), decay / (2 * w)) for w, decay in swinging)
 
 
 def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
