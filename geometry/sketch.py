@@ -105,8 +105,9 @@ class Sketch:
             model = ComplianceModel.of_part(self, material, actuator_stiffness)
             return tuple(model.having(nominal_effects(self)).quantities().values())
 
-        ground = [self._linkage.ports[port.name] for port in self.ports() if port.role == "ground"]
-        by_pivots = {"PRB": pivots} if rigid_bodies.pivots_suffice(self._linkage, ground) else {}
+        springs = any(self.drawing.is_spring(flexure) for flexure in self.drawing.flexures.values())
+        suffice = not springs and rigid_bodies.pivots_suffice(self._linkage, self.ports())
+        by_pivots = {"PRB": pivots} if suffice else {}
         return Formulas({"rigid bodies": rigid, **by_pivots, "compliance": compliant})
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,6 +126,18 @@ def test_a_mesher_that_fails_is_said_and_stops_nothing(
     assert not check.agrees and check.failure == "no tetrahedra"
     assert "gave no answer: no tetrahedra" in independent_text.verdict(check)
     assert independent_text.section(check).paragraphs
+
+
+def test_a_mesh_that_would_take_minutes_is_not_made(
+    found: Validation, store: Cache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(independent_mesh, "MOST", 5_000)
+    reported = by_key([c.fem for c in found.comparisons])
+    study = found.study
+    check = independent_mesh.run(study, study.design.part(), found.domain, reported, store, lambda _: None)
+    said = re.search(r"it would have about (\d+) tetrahedra, and is made of up to 5000$", check.failure)
+    assert said and 5_000 < int(said.group(1)) < 30_000
+    assert "gave no answer" in independent_text.verdict(check)
 
 
 # --- masses of (18) to (22) beside the modes -----------------------------------------------------------------------

@@ -115,6 +115,97 @@ def test_a_scott_russell_mechanism_has_the_cotangent_of_its_angle() -> None:
         assert found["lambda_output_free"] == pytest.approx(1 / math.tan(math.radians(angle)), rel=6e-3)
 
 
+def test_a_roberts_mechanism_bends_two_hinges_once_and_two_twice() -> None:
+    """Links turn by x / 2 h, the coupler by as much the other way: K = (2 + 2 x 4) k / (2 h)^2, k = E I / l."""
+    design = sketch("roberts")
+    d = design.dimensions
+    expected = 10 * bending(design, "thin") / d["hinge"] / (2 * d["h"]) ** 2
+    assert model(design, "PRB")["K_in_output_free"] == pytest.approx(expected, rel=1e-3)  # the foot is off by 20 um
+    assert model(design, "rigid bodies")["K_in_output_free"] == pytest.approx(expected, rel=3e-3)
+
+
+def test_a_cartwheel_hinge_has_the_stiffness_of_two_pairs_of_leaves_in_series() -> None:
+    """Each pair 8 E I / L (3 xi^2 + 3 xi + 1), where xi L lies between its end and the crossing, as in the hub."""
+    design = sketch("cartwheel")
+    d = design.dimensions
+    xi = d["hub"] / d["leaf"]
+    turning = 4 * bending(design, "t") / d["leaf"] * (3 * xi**2 + 3 * xi + 1)
+    pushed = next(port for port in design.part().ports() if port.role == "input").point[1]
+    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    assert stiffness * pushed**2 == pytest.approx(turning, rel=1e-3)
+
+
+def test_leaves_on_sides_that_are_not_square_to_them_turn_about_where_they_cross() -> None:
+    design = sketch("remote_centre", "dimensions.thickness=0.1 mm")
+    d = design.dimensions
+    xi = d["beyond"] / d["length"]
+    turning = 8 * bending(design) / d["length"] * (3 * xi**2 + 3 * xi + 1)
+    crossing = (d["length"] + d["beyond"]) * math.cos(d["angle"])
+    pushed = next(port for port in design.part().ports() if port.role == "input").point[1]
+    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    assert stiffness * (pushed - crossing) ** 2 == pytest.approx(turning, rel=1e-3)
+
+
+def test_a_leaf_runs_on_to_a_side_that_is_not_square_to_it() -> None:
+    """What it gains at one of its sides it loses at the other: the section is that of bodies and leaves, L t each."""
+    for name in ("remote_centre", "cartwheel"):
+        part = sketch(name).part()
+        drawing = part.drawing  # type: ignore[attr-defined]
+        area = sum(polygons.area_moments(body.corners)[0] for body in drawing.bodies.values())
+        area += sum(leaf.length * leaf.thickness for leaf in drawing.flexures.values())
+        assert 1e-9 * part.solid().Volume() == pytest.approx(area * drawing.thickness, rel=1e-9)
+        for leaf in drawing.flexures.values():
+            for number, (_, point, _) in enumerate(leaf.ends):
+                right, left = drawing.feet(leaf, number)
+                np.testing.assert_allclose((right + left) / 2, point, atol=1e-12)
+    roots = [root for member in sketch("remote_centre").part().linkage().members for root in member.roots]
+    assert all(root is not None and root.overhang > 5e-3 for root in roots)  # to the ends of base and table
+
+
+def test_a_serpentine_is_a_mechanism_of_leaves_in_series() -> None:
+    """Castigliano: one force and moment run through all leaves; the table, held upright by symmetry, does not tilt."""
+    design = sketch("serpentine")
+    d = design.dimensions
+    compliance, top = np.zeros((3, 3)), d["length"] + 8e-3
+    for number in range(4):
+        bottom = 0.0 if number == 3 else 8e-3
+        for y, weight in zip(*np.polynomial.legendre.leggauss(2), strict=True):
+            half = (top - bottom) / 2
+            moment = np.array([-number * d["pitch"], (top + bottom) / 2 + half * y, 1.0])  # per F_y, F_x, M
+            compliance += half * weight * np.outer(moment, moment) / bending(design)
+        compliance[0, 0] += (top - bottom) / (design.material.youngs_modulus * d["thickness"] * d["width"])
+    expected = 2 * np.linalg.inv(compliance)[0, 0]
+    assert model(design, "rigid bodies")["K_in_output_free"] == pytest.approx(expected, rel=1e-6)
+    assert "PRB" not in design.part().formulas(design.material, STACK, None)  # its leaves are no pivots
+    with pytest.raises(InputError, match="moves by itself"):  # short leaves between long bars are
+        sketch("serpentine", "dimensions.length=5 mm", "dimensions.pitch=12 mm")
+
+
+def test_what_pivots_would_lock_has_no_pseudo_rigid_numbers() -> None:
+    """A leaf between a block and a lever bends at both ends; as one pivot in its middle it locks the gripper."""
+    design = sketch("gripper")
+    d = design.dimensions
+    assert "PRB" not in design.part().formulas(design.material, STACK, None)
+    ratio = (d["arm"] - 3.5e-3) / (d["p"] - 5.5e-3)  # of the jaw above the pivot, and of the rod beside it
+    assert model(design, "rigid bodies")["lambda_output_free"] == pytest.approx(-ratio, rel=0.02)
+
+
+def test_parabolic_notches_hide_no_symmetry(tmp_path: Path) -> None:
+    path = tmp_path / "parabolic.toml"
+    text = (SKETCHES / "bridge.toml").read_text(encoding="utf-8")
+    notch = 'thickness = "hinge_thickness", profile = "parabolic", depth = "1 mm"'
+    path.write_text(text.replace('thickness = "hinge_thickness"', notch), encoding="utf-8")
+    assert [plane.axis for plane in designs.read(path).part().symmetry()] == ["x", "z"]
+
+
+def test_fillets_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "filleted.toml"
+    text = TWO_LEAVES.replace('thickness = "thickness"', 'thickness = "thickness", fillet = "7 mm"')
+    path.write_text(text.replace("0.7 * spacing", "0.52 * spacing"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"flexure\.leaf\.fillet = 7 mm: does not fit at its roots"):
+        designs.read(path).part().solid()
+
+
 def test_bridges_in_series_multiply() -> None:
     design = sketch("compound_bridge")
     d = design.dimensions
@@ -295,6 +386,15 @@ INNER = FLOATING.replace('"40 mm", "0 mm"', '"10 mm", "-5 mm"')
 HIGH = '"length + height"]'
 #: What is wrong: the text, or what is put in the place of what; the field that is named; the remedy.
 REFUSED = {
+    "a leaf past the side of its body": (
+        ('["spacing / 2", "length"]', '["0.7 * spacing", "length"]'), "flexure.leaf", "past the side of the body table",
+    ),
+    "a leaf of one body": (
+        ('between = ["base", "table"]', 'between = ["base", "base"]'), "flexure.leaf.between", "named twice",
+    ),
+    "a body without height": (
+        ('"-height", "spacing", "0 mm"', '"0 mm", "spacing", "0 mm"'), "body.base", "no size there",
+    ),
     "no ground": (another(FLOATING), "body.floating", "joined to the ground by no chain of flexures"),
     "internal mobility": (another(FLOATING, HANGING), "body.floating", "moves by itself"),
     "flexures that overlap": (another("", TWIN), "flexure.twin", "overlaps the flexure leaf"),
@@ -464,16 +564,16 @@ def test_the_report_names_leaves_that_are_no_beams() -> None:
 
     from flexdesign.report.validation import solid_section
 
-    for thickness, named in (("0.5 mm", False), ("25 mm", True)):
+    for thickness, named in (("0.5 mm", False), ("11 mm", True)):
         design = sketch("parallelogram", f"dimensions.thickness={thickness}")
         told = SimpleNamespace(domain=SimpleNamespace(thin=None), study=SimpleNamespace(design=design))
         notes = " ".join(solid_section.section(told).paragraphs)  # type: ignore[arg-type]
-        assert ("leaf (25 mm thick on 20 mm of length), leaf_x" in notes) == named == bool(notes)
+        assert ("leaf (11 mm thick on 20 mm of length), leaf_x" in notes) == named == bool(notes)
     assert not sketch("bridge").part().notes()  # type: ignore[attr-defined]  # a stout rod hardly gives way
 
 
 def test_a_dimension_that_makes_no_mechanism_is_refused_with_its_place() -> None:
-    with pytest.raises(InputError, match="overlaps the flexure"):
+    with pytest.raises(InputError, match=r"flexure\.leaf.* past the side of the body base"):
         sketch("parallelogram", "dimensions.spacing=0.3 mm")
 
 

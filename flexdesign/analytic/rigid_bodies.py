@@ -249,24 +249,39 @@ def coupling(axes: Mapping[str, RigidBodies]) -> dict[tuple[str, str], float]:
     return found
 
 
-def pivots_suffice(linkage: Linkage, held: Sequence[str]) -> bool:
-    """Tell whether a linkage is a mechanism if its hinges only rotate: none of its rigid constraints is redundant.
+def pivots_suffice(linkage: Linkage, ports: Sequence[Port]) -> bool:
+    """Tell whether a linkage moves at input and output if its hinges only rotate, and no rigid constraint is redundant.
 
-    Long leaves in parallel are not: as pivots in their middles they would hold the body that they guide.
+    Long leaves in parallel do not: as pivots in their middles they would hold the body that they guide. Nor does a leaf
+    that drives a lever from a straight guide: one pivot in its middle locks what bends at both its ends.
     """
+    held = [linkage.ports[port.name] for port in ports if port.role == "ground"]
     free = [node for node in linkage.nodes if node not in held]
     place = {node: 3 * number for number, node in enumerate(free)}
     size = max(math.dist(a, b) for a in linkage.nodes.values() for b in linkage.nodes.values())
-    rows = []
+
+    def carried(node: str, x: float, y: float) -> Array:
+        """Return the motion of a point in x and y, and its rotation, per motion of all nodes, shape (3, n)."""
+        motion = np.zeros((3, 3 * len(free)))
+        if node in place:
+            dx, dy = (x - linkage.nodes[node][0]) / size, (y - linkage.nodes[node][1]) / size
+            motion[:, place[node] : place[node] + 3] = [[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]]
+        return motion
+
+    rows: list[Array] = []
     for member in linkage.members:
-        row = np.zeros((3, 3 * len(free)))
         (ax, ay, _), (cx, cy, _) = member.axis, member.centre
-        for node, way in zip(member.nodes, (-1.0, 1.0), strict=True):
-            if node in place:
-                dx, dy = (cx - linkage.nodes[node][0]) / size, (cy - linkage.nodes[node][1]) / size
-                carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-                turned = np.array([[ax, ay, 0.0], [-ay, ax, 0.0], [0.0, 0.0, 1.0]])
-                row[:, place[node] : place[node] + 3] += way * (turned @ carried)
+        turned = np.array([[ax, ay, 0.0], [-ay, ax, 0.0], [0.0, 0.0, 1.0]])
+        row = turned @ (carried(member.nodes[1], cx, cy) - carried(member.nodes[0], cx, cy))
         rows += {"hinge": [row[0], row[1]], "rod": [row[0], row[2]]}.get(member.kind, [*row])
-    values = np.linalg.svd(np.array(rows), compute_uv=False)
-    return len(rows) <= 3 * len(free) and bool(values[-1] > 1e-9 * values[0])
+    _, values, shapes = np.linalg.svd(np.array(rows))
+    if len(rows) >= 3 * len(free) or not values[-1] > 1e-9 * values[0]:
+        return False
+    for role in ("input", "output"):
+        moved = np.zeros(3 * len(free))
+        for port in ports:
+            if port.role == role:
+                moved += np.array([*port.normal[:2], 0.0]) @ carried(linkage.ports[port.name], *port.point[:2])
+        if not np.linalg.norm(shapes[len(rows) :] @ moved) > 1e-9 * np.linalg.norm(moved):
+            return False
+    return True

@@ -51,6 +51,15 @@ def _fatigue(material: Material) -> str:
     )
 
 
+def _fillet_key(validation: Validation) -> str:
+    """Return where a design gives its roots fillets, in brackets; nothing where a part has no key for it."""
+    part_class = validation.study.design.part_class
+    if hasattr(part_class, "plan"):
+        return " (fillet of a flexure)"
+    named = any(parameter.name == "fillet_radius" for parameter in part_class.dimensions)
+    return " (dimensions.fillet_radius)" if named else ""
+
+
 def peak(validation: Validation) -> str:
     """Say whether the peak of stress is a property of the design."""
     sizes = [level.size for level in validation.levels]
@@ -62,7 +71,7 @@ def peak(validation: Validation) -> str:
             f"mesh is refined: here as h^{-growth(peaks, sizes):.2f} (peaks of these meshes relative to the finest: "
             f"{seen}), in the end as h^{-SINGULAR:.2f} (Williams 1952). The peak is no property of the design and has "
             "neither error nor safety. Judge by the nominal hinge stress, or give the roots the fillet that the cutter "
-            "will leave (dimensions.fillet_radius)."
+            f"will leave{_fillet_key(validation)}."
         )
     if validation.unresolved_fillet:
         return f"{validation.unresolved_fillet} Peaks of these meshes relative to the finest: {seen}."

@@ -291,3 +291,11 @@ def test_shapes_satisfy_the_equations_of_motion(forks: tuple[Solved, Solved]) ->
             elastic = full(system.stiffness) @ v
             inertial = (2 * np.pi * mode.frequency) ** 2 * (full(mass)[system.free][:, system.free] @ v)
             assert np.abs(elastic - inertial).max() < 1e-5 * np.abs(elastic).max()
+
+
+def test_the_mode_that_carries_the_output_is_found_above_those_that_do_not(cantilever: Solved) -> None:
+    """The lowest modes of a cantilever bend; pulled at its tip it moves in its axial one, sqrt(E / rho) / (4 L)."""
+    bending, axial = found(cantilever, 1)
+    assert not np.isfinite(bending.output_mass)
+    assert axial.frequency == pytest.approx(np.sqrt(E / RHO) / (4 * LENGTH), rel=1e-5)
+    assert axial.output_mass == pytest.approx(RHO * AREA * LENGTH / 2, rel=1e-5)  # 8 / pi^2 of the compliance

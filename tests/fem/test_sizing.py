@@ -120,3 +120,22 @@ def test_edge_length_at_roots_is_the_mean_of_those_near() -> None:
     ends = {(min(a, b), max(a, b)) for tet in tets.tolist() for a in tet for b in tet if a != b}
     everywhere = [np.linalg.norm(points[a] - points[b]) for a, b in ends]
     assert sizing.edge_length_at_roots(points, tets, line, 1.0) == pytest.approx(np.mean(everywhere), rel=1e-12)
+
+
+def test_edges_along_a_slender_leaf_are_a_sixteenth_of_it_and_grow_no_faster_beside_it() -> None:
+    part = design.read(design.find("parallelogram")).part()
+    body = domain.of_part(part, chord=1e-5)
+    (leaf,) = [member for member in part.linkage().members if member.name == "leaf"]
+    for coarseness in (1.0, 1.5):
+        spans = sizing.spans_in([leaf], body, 0.6, coarseness)
+        field = Sizing(*_roots_of(leaf, body), growth=0.6 * coarseness, largest=8e-3, spans=spans)
+        middle, across = np.array(leaf.centre), np.array([leaf.thickness / 2 + 2e-3, 0.0, 0.0])
+        longest = coarseness * leaf.length / 16
+        assert field(np.array([middle, middle + across])) == pytest.approx([longest, longest + 1.2e-3 * coarseness])
+    bridge = amplifier().linkage().of_kind("hinge")  # their edges are short anyway
+    assert sizing.spans_in(bridge, domain.of_part(amplifier(), chord=1e-5), 0.6, 1.0) == ()
+
+
+def _roots_of(leaf: Any, body: Any) -> tuple[Any, Any]:
+    edges, owners = sizing.root_edges([leaf], body)
+    return edges, np.array([0.05 * owner.thickness for owner in owners])

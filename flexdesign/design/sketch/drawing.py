@@ -30,10 +30,19 @@ STOUTEST = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A stout piece: its name and its corners, shape (n, 2) [m]."""
+    """A stout piece: its name and its corners, shape (n, 2) [m].
+
+    Raises
+    ------
+    InputError
+        If its outline encloses no area, or crosses itself.
+    """
 
     name: str
     corners: Array
+
+    def __post_init__(self) -> None:
+        _require_simple(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +163,6 @@ class Drawing:
     thickness: float
 
     def __post_init__(self) -> None:
-        for body in self.bodies.values():
-            _require_simple(body)
         for flexure in self.flexures.values():
             self._require_ends(flexure)
         self._require_apart()
@@ -169,6 +176,29 @@ class Drawing:
         """Return the hinges without notch that are no beams: shear and bodies give way about as much as they bend."""
         leaves = [f for f in self.flexures.values() if f.kind == "hinge" and f.profile == "leaf"]
         return [leaf for leaf in leaves if leaf.length < STOUTEST * leaf.thickness]
+
+    def is_spring(self, flexure: Flexure) -> bool:
+        """Tell whether a flexure is a leaf longer than one of its bodies."""
+        extents = (polygons.extent(self.bodies[name].corners) for name in flexure.bodies)
+        return flexure.profile == "leaf" and flexure.length > min(extents)
+
+    def feet(self, flexure: Flexure, number: int) -> Array:
+        """Return where the sides of a flexure meet the body at its start (0) or end (1): right, left, (2, 2) [m].
+
+        Where the body's side is not square to the flexure, one side of it reaches the body behind its end, one before.
+        A side that runs past the body is infinitely far from it.
+        """
+        name, point, way = flexure.ends[number]
+        corners = self.bodies[name].corners
+        found = []
+        for side in (-1, 1):
+            corner = point + side * flexure.end_thickness / 2 * flexure.normal
+            if not polygons.on_boundary(corners, corner):
+                on = -1 if polygons.contains(corners, corner) else 1
+                reach = polygons.distance(polygons.sides(corners), corner, on * way)
+                corner = corner + on * reach * way if math.isfinite(reach) else np.full(2, np.inf)
+            found.append(corner)
+        return np.array(found)
 
     @cached_property
     def attached(self) -> dict[str, list[tuple[Flexure, Array, Array]]]:
@@ -197,9 +227,15 @@ class Drawing:
         if flexure.profile != "v" and (flexure.fillet < 0 or flexure.fillet > 0.45 * flexure.length):
             remedy = f"allowed: 0 mm to {_mm(0.45 * flexure.length)}, so that two fillets fit on its length"
             raise InputError("design", f"{field}.fillet", _mm(flexure.fillet), remedy)
-        for name, point, _ in flexure.ends:
+        if flexure.bodies[0] == flexure.bodies[1]:
+            raise InputError("design", f"{field}.between", flexure.bodies[0], "is named twice; name two bodies")
+        for number, (name, point, _) in enumerate(flexure.ends):
             corners = self.bodies[name].corners
             if polygons.on_boundary(corners, point):
+                if not (np.abs(self.feet(flexure, number) - point).max() < flexure.length + flexure.end_thickness):
+                    wide = f"{_mm(flexure.end_thickness)} thick at its end {_at(point)}"
+                    remedy = f"reaches past the side of the body {name}; make the body wider there, or move the flexure"
+                    raise InputError("design", field, wide, remedy)
                 continue
             if not polygons.contains(corners, point):
                 remedy = f"ends outside the body {name}; let it end on the body's boundary"
@@ -245,14 +281,19 @@ class Drawing:
             raise InputError("design", f"body.{name}", None, remedy)
 
     def idle(self) -> Sequence[tuple[str, str]]:
-        """Return bodies that move by themselves were all flexures pivots, and how: internal mobility.
+        """Return bodies that move by themselves were all hinges pivots, and how: internal mobility.
 
         Bodies with ports are held. A hinge then binds two motions of its middle, a rod all three; what motion no
-        constraint binds is internal mobility, which nothing but the hinges' own stiffness opposes.
+        constraint binds is internal mobility, which nothing but the hinges' own stiffness opposes. A leaf longer than a
+        body that it joins is no pivot but a spring, such as those of a serpentine: it binds all three, too. A body on a
+        single hinge moves by itself, however long that is.
         """
         free = [name for name in self.bodies if name not in self.carriers.values()]
         if not free:
             return []
+        for name in free:
+            if len(ends := self.attached[name]) == 1 and ends[0][0].kind == "hinge":
+                return [(name, f"{ends[0][0].name} alone joins it")]
         size = max(float(np.ptp(body.corners)) for body in self.bodies.values())
         rows = []
         for flexure in self.flexures.values():
@@ -262,7 +303,7 @@ class Drawing:
                     dx, dy = (middle - self.bodies[name].corners.mean(axis=0)) / size
                     place = 3 * free.index(name)
                     row[:, place : place + 3] = sign * np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-            rows.append(row if flexure.kind == "rod" else row[:2])
+            rows.append(row if flexure.kind == "rod" or self.is_spring(flexure) else row[:2])
         _, values, shapes = np.linalg.svd(np.concatenate(rows))
         rank = int((values > 1e-9 * values[0]).sum())
         if rank == 3 * len(free):
@@ -313,4 +354,5 @@ def _um(length: float) -> str:
 
 
 def _at(point: Array) -> str:
-    return f"({1e3 * point[0]:.6g} mm, {1e3 * point[1]:.6g} mm)"
+    x, y = (round(1e3 * float(value), 6) + 0.0 for value in point)  # to a nanometre; not -0
+    return f"({x:.6g} mm, {y:.6g} mm)"

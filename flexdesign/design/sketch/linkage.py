@@ -113,7 +113,7 @@ def _flexure_member(flexure: Flexure, section: Section, places: dict[tuple[str, 
 def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
     """Return what a flexure runs into at its start (0) or its end (1); None where it ends within its body.
 
-    A ray into the body gives its depth; rays to both sides along the root give the extent of the section there.
+    A ray into the body gives its depth; rays to both sides along the body's side give the extent of the section there.
     """
     name, point, way = flexure.ends[number]
     corners = section.drawing.bodies[name].corners
@@ -121,7 +121,9 @@ def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
         return None
     begin = point + polygons.TOLERANCE * way
     depth = polygons.distance(polygons.sides(corners), begin, way) + polygons.TOLERANCE
-    left, right = (polygons.distance(section.segments, begin, sign * flexure.normal) for sign in (1, -1))
+    foot_right, foot_left = section.drawing.feet(flexure, number)
+    along = (foot_left - foot_right) / np.linalg.norm(foot_left - foot_right)
+    left, right = (polygons.distance(section.segments, begin, sign * along) for sign in (1, -1))
     overhang, side = min(left, right), 1 if left < right else -1
     behind = [
         other for other, at, inward in section.drawing.attached[name]

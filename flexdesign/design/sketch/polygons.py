@@ -28,6 +28,11 @@ def area_moments(corners: Array) -> tuple[float, Array, float]:
     return abs(float(area)), origin + centre, abs(float(polar)) - abs(float(area)) * float(centre @ centre)
 
 
+def extent(corners: Array) -> float:
+    """Return the largest distance between two corners [m]."""
+    return float(np.linalg.norm(corners[:, None] - corners[None], axis=2).max())
+
+
 def winding(corners: Array) -> int:
     """Return 1 if the corners run around to the left, -1 if to the right."""
     a, b = corners, np.roll(corners, -1, axis=0)

@@ -40,6 +40,7 @@ class Section:
 
         pieces = [_polygon(body.corners) for body in self.drawing.bodies.values()]
         pieces += [_outline_of(flexure) for flexure in self.drawing.flexures.values()]
+        pieces += [_polygon(wedge) for flexure in self.drawing.flexures.values() for wedge in self._wedges(flexure)]
         first, *others = [cq.Face.makeFromWires(wire) for wire in pieces]
         whole = first.fuse(*others).clean() if others else first
         faces = whole.Faces()
@@ -84,15 +85,30 @@ class Section:
                 place for f in self.drawing.flexures.values() if f.root_fillet == radius for place in self._roots(f)
             ]
             edges = [e for e in body.edges("|Z").vals() if _near((e.Center().x, e.Center().y), places)]
-            body = body.newObject(edges).fillet(1e3 * radius)
+            try:
+                body = body.newObject(edges).fillet(1e3 * radius)
+            except Exception as error:  # the kernel's exceptions have no common class but this
+                first = next(f for f in self.drawing.flexures.values() if f.root_fillet == radius)
+                remedy = "does not fit at its roots; make it smaller, or let the bodies reach further to both sides"
+                field = f"flexure.{first.name}.fillet"
+                raise InputError("design", field, f"{1e3 * radius:.6g} mm", remedy) from error
         return body.solids().val()
 
     def _roots(self, flexure: Flexure) -> Iterator[Array]:
         """Yield the corners at which a flexure meets its bodies [m]."""
-        for name, point, _ in flexure.ends:
+        for number, (name, point, _) in enumerate(flexure.ends):
             if not polygons.contains(self.drawing.bodies[name].corners, point):
-                for side in (1, -1):
-                    yield point + side * flexure.thickness / 2 * flexure.normal
+                yield from self.drawing.feet(flexure, number)
+
+    def _wedges(self, flexure: Flexure) -> Iterator[Array]:
+        """Yield the triangles between a flexure's ends and sides of bodies that are not square to it [m]."""
+        for number, (name, point, way) in enumerate(flexure.ends):
+            if polygons.contains(self.drawing.bodies[name].corners, point):
+                continue
+            for side, foot in zip((-1, 1), self.drawing.feet(flexure, number), strict=True):
+                corner = point + side * flexure.end_thickness / 2 * flexure.normal
+                if float((foot - corner) @ way) > 10 * polygons.TOLERANCE:
+                    yield np.array([corner, foot, point])
 
     def symmetry(self) -> tuple[SymmetryPlane, ...]:
         """Return the coordinate planes in which section and ports are their own mirror images, and z = 0."""
@@ -119,8 +135,9 @@ class Section:
 
     @staticmethod
     def _edge_points(edge: Any) -> tuple[float, ...]:
-        """Return start, end and middle of an edge [m]."""
-        places = (edge.startPoint(), edge.endPoint(), edge.positionAt(0.5))
+        """Return start, end and middle of an edge [m]; the middle by parameter, as an arc length is approximate."""
+        middle = edge.positionAt(sum(edge.bounds()) / 2, mode="parameter")
+        places = (edge.startPoint(), edge.endPoint(), middle)
         return tuple(1e-3 * value for place in places for value in place.toTuple()[:2])
 
 

@@ -21,7 +21,7 @@ EFFECT = Effect(
         "takes a fixed bite out of the input, while the useful part of it shrinks with the offset of the "
         "hinges: flat bridges lose most of their amplification by it."
     ),
-    where="the hinges of the amplifier",
+    where="the hinges",
     reveal="K_in and lambda of two amplifiers that differ in offset; or lambda and K_out: K_out does not change",
     remedy="shorter or thicker hinges, or a larger offset; the compliance model reckons with it",
     reference=(

@@ -21,7 +21,7 @@ EFFECT = Effect(
         "turning. With the input free it is a small part of the output's compliance; with the input held, "
         "when rotation is blocked, a large one."
     ),
-    where="the hinges of the amplifier",
+    where="the hinges",
     reveal="K_out with the input held compared with K_out with the input free",
     remedy="shorter hinges; the compliance model reckons with it",
     reference=(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Member
 from flexdesign.fem import convergence
 from flexdesign.fem.convergence import MeshNoise
-from flexdesign.fem.meshing import element_count, profile
+from flexdesign.fem.meshing import element_count, profile, sizing
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.extruded import Layers, planar_size, stack_prisms, triangulate_section
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, tetrahedralize
@@ -67,8 +67,8 @@ ROOTS_WITH_NECKS = 0.25
 #: thirds of it each, together by 0.4 %, and the gate allows 0.5 %.
 LARGEST_NECK_CHORD = 3e-3
 #: Most tetrahedra of an unstructured mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose
-#: factor takes 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their
-#: number to the power 1.28. That is all that a machine of 24 GiB has.
+#: factor takes 22 GiB, all that a machine of 24 GiB has: 2.6 GiB were measured for 430 000 unknowns of the bridge
+#: amplifier, and memory grows with their number to the power 1.28.
 MOST = 500_000
 #: Most of a STEP part for which no edge length is asked: by the same law 9 GiB, which an ordinary machine has. Large
 #: parts that are thin all over, such as bent sheets, would have more.
@@ -200,6 +200,7 @@ class Grading:
             growth=self.growth * elsewhere,
             largest=self.coarsest * elsewhere,
             necks=necks,
+            spans=sizing.spans_in(self.members, self.domain, self.growth, elsewhere),
         )
 
 
@@ -226,12 +227,15 @@ class Unstructured:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
         return tetrahedralize(self.grading.domain, self._sizing(coarseness), self._envelope)
 
+    def estimate(self, coarseness: float) -> float:
+        """Return about how many tetrahedra the mesher is going to make."""
+        return element_count.estimate(self.grading.domain, self._sizing(coarseness))
+
     def require_room(self, coarseness: float) -> None:
         """Raise MeshError if the mesher is going to make more than `MOST` tetrahedra."""
-        domain = self.grading.domain
-        count = element_count.estimate(domain, self._sizing(coarseness))
+        count = self.estimate(coarseness)
         if count > MOST:
-            extruded = 'mesh.method = "extruded", ' if domain.section is not None else ""
+            extruded = 'mesh.method = "extruded", ' if self.grading.domain.section is not None else ""
             raise MeshError(
                 f"the unstructured mesh would have about {count / 1e6:.2g} million tetrahedra, and "
                 f"{MOST / 1e6:g} million are as many as 24 GiB of memory hold; ask for less: {extruded}a larger "

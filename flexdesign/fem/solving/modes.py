@@ -8,7 +8,8 @@ stiffness, so that the same factor serves (Sherman and Morrison, 1950)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,11 @@ from flexdesign.fem.solving.port_compliance import PortSpace
 from flexdesign.fem.solving.statics import ClassSystem
 
 FloatArray = NDArray[np.float64]
+#: Most modes of a class among which the one that carries the output is looked for: a stiff actuator that pushes a table
+#: lifts it above the first modes of its leaves, of which each leaf has one for every bending and twisting shape.
+MOST = 32
+#: A drive moves the output if the cosine between them, in the measure of strain energy, is more than rounding.
+COUPLED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,10 @@ class Mode:
 
 
 def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, count: int, actuator: float) -> list[Mode]:
-    """Return the lowest `count` modes of one symmetry class.
+    """Return the lowest `count` modes of one symmetry class, and above them those that carry most of the output.
+
+    These are the modes with the largest share of the output's compliance and of its static motion by the actuator. More
+    modes are found until no other can have a larger share of the compliance: until all others together have less.
 
     Parameters
     ----------
@@ -67,7 +76,9 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
     """
     copies = 2 ** len(space.planes)
     extension, output = (system.gather(_measure(space, system, motion)) for motion in (space.extension, space.output))
-    values, vectors = lowest(system.condense(mass), _spring_inverse(system, extension, actuator / copies), count)
+    inverse = _spring_inverse(system, extension, actuator / copies)
+    drives = [output, extension] if actuator else [output]
+    values, vectors = _lowest_with_main(system.condense(mass), inverse, count, output, drives)
     modes = []
     for value, vector in zip(values, vectors.T, strict=True):
         shape = vector / np.sqrt(copies)
@@ -83,6 +94,37 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
             )
         )
     return sorted(modes, key=lambda mode: mode.frequency)
+
+
+def _lowest_with_main(
+    mass: sp.csr_matrix,
+    inverse: Callable[[FloatArray], FloatArray],
+    count: int,
+    output: FloatArray,
+    drives: Sequence[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return the `count` lowest modes, and those above that carry most of the output's motion by one of the drives.
+
+    A mode has the share (d . v) (y . v) / omega^2 of the static motion y . K^-1 d at the output y by the drive d. Of a
+    drive at the output itself all shares are positive, so that none is larger than what all others leave.
+    """
+    compliances = [(float(output @ answer), float(drive @ answer)) for drive, answer in
+                   ((drive, inverse(drive)) for drive in drives)]  # fmt: skip
+    driven = [
+        (drive, static)
+        for drive, (static, own) in zip(drives, compliances, strict=True)
+        if abs(static) > COUPLED * math.sqrt(compliances[0][0] * own) > 0
+    ]
+    most, asked = max(count, min(MOST, len(output) - 2)), count
+    while True:
+        values, vectors = lowest(mass, inverse, asked)
+        order = np.argsort(values)
+        values, vectors = values[order], vectors[:, order]
+        shares = [(drive @ vectors) * (output @ vectors) / values / static for drive, static in driven]
+        if asked >= most or all(share.max() >= 1 - share.sum() for share in shares):
+            kept = sorted({*range(count), *(int(share.argmax()) for share in shares)})
+            return values[kept], vectors[:, kept]
+        asked = min(2 * asked, most)
 
 
 def lowest(

@@ -35,7 +35,8 @@ def facts(validation: Validation) -> list[Fact]:
         if key in found
     ]
     for quantity in margins(validation):
-        card.append(Fact(name_of(quantity), format_quantity(quantity), quantity.boundary.partition(", ")[0]))
+        at = quantity.boundary.partition(", ")[0] if design.actuator else quantity.boundary  # else at a force of 1 N
+        card.append(Fact(name_of(quantity), format_quantity(quantity), at))
     if design.actuator:
         preload = units.to_text(design.actuator.preload, "N") if design.actuator.preload else "none"
         lost = found.get("output_force_that_unloads_the_stack_no_voltage")

@@ -17,10 +17,19 @@ from flexdesign.workflows.validation.validate_stage import StageValidation
 
 #: How the quantities are written, by key.
 SYMBOLS = {"K_in_output_free": "K_in", "lambda_output_free": "λ", "K_out_input_free": "K_out"}
+ADDED = (
+    "effect by effect, each time the one that brings it nearest to FEM (root mean square over what is compared). "
+    "Effects that change nothing are left out. Effects may work against each other: roots make hinges softer, width "
+    "makes them stiffer."
+)
 TEXT = (
     "The compliance model begins as the pseudo-rigid one, hinges that only rotate, and adds the effects of the drawing "
-    "effect by effect, each time the one that brings it nearest to FEM (root mean square over what is compared). "
-    "Effects may work against each other: roots make hinges softer, width makes them stiffer."
+    f"{ADDED}"
+)
+#: Of a mechanism that hinges which only rotate would lock.
+LOCKED = (
+    "Hinges that only rotate would lock this mechanism, so that the compliance model begins with the first effect that "
+    f"lets it move. It adds the effects of the drawing {ADDED}"
 )
 TOLERANCES = (
     "The tolerances of the part and the mesh of FEM each make the numbers uncertain. A measurement and the model "
@@ -48,7 +57,7 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     )
     return Section(
         "From the pseudo-rigid model to FEM",
-        [TEXT, text],
+        [LOCKED if hierarchy.rungs[0].effect else TEXT, text],
         [_error_steps(hierarchy, symbols), _tolerances(validation, hierarchy)],
         [figure],
     )

@@ -14,7 +14,7 @@ from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
 
-#: Number of modes listed, without the actuator and with it.
+#: Number of modes listed, without the actuator and with it; the one that carries most of 1/K_out besides.
 LISTED = 6
 #: Columns of a design with an actuator.
 DRIVEN = ("actuator", "share of static stroke")
@@ -61,8 +61,10 @@ def _rows(validation: Validation) -> list[list[str]]:
     spring = actuator.installed_stiffness if actuator else 0.0
     rows = []
     for installed, state in ((False, "no"), (True, "yes")):
-        for mode in [m for m in solution.modes if m.installed == installed][:LISTED]:
-            share = quantities.output_share(mode, solution.compliance, spring)
+        modes = [m for m in solution.modes if m.installed == installed]
+        shares = [quantities.output_share(mode, solution.compliance, spring) for mode in modes]
+        main = shares.index(max(shares)) if shares else 0
+        for mode, share in [pair for n, pair in enumerate(zip(modes, shares, strict=True)) if n < LISTED or n == main]:
             driven = quantities.drive_share(mode, solution.compliance, spring) if installed else 0.0
             participating = f"{100 * share:.0f} %" if share > 0 else "–"
             answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"

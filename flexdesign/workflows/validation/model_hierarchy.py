@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -52,6 +53,10 @@ class ErrorStep:
             return math.inf
         return float(np.sqrt(np.mean([math.log1p(error) ** 2 for error in self.errors.values()])))
 
+    def differs_from(self, other: ErrorStep) -> bool:
+        """Tell whether a quantity is another, beyond rounding."""
+        return any(abs(error - other.errors[key]) > 1e-9 * (1 + abs(error)) for key, error in self.errors.items())
+
 
 @dataclass(frozen=True)
 class ModelHierarchy:
@@ -90,6 +95,8 @@ def model_hierarchy(design: Design, fem: Mapping[str, Quantity]) -> ModelHierarc
         left.remove(best.effect)
         rungs.append(best)
     rungs = [rung for rung in rungs if math.isfinite(rung.size)] or rungs[-1:]
+    # What has nothing to act on, such as the bending of rods where there are none, is no step.
+    rungs = [rungs[0], *(rung for before, rung in pairwise(rungs) if rung.differs_from(before))]
     if design.is_stage:
         axes = {fem[key].boundary.partition(", ")[0] for key in keys}
         fem = {key: quantity for key, quantity in fem.items() if quantity.boundary.partition(", ")[0] in axes}

@@ -11,6 +11,9 @@ from flexdesign.design import part as parts
 from flexdesign.design.study import Study
 from flexdesign.fem import mesh_refinement
 
+#: Units in which dimensions are shown, by SI unit.
+_SHOWN = {"m": "mm", "rad": "deg"}
+
 
 def provenance(study: Study, methods: Collection[str], solvers: Collection[str] = ()) -> dict[str, Any]:
     """Return the inputs and versions that made a result, of the libraries that took part.
@@ -33,7 +36,9 @@ def provenance(study: Study, methods: Collection[str], solvers: Collection[str] 
         "provenance": design.provenance,
         "stage" if design.is_stage else "part": f"{kind} ({source})",
         "dimensions": {
-            name: f"{value * 1e3:g} mm" if si[name] == "m" else f"{value:g}"
+            name: f"{value / units.factor(_SHOWN[si[name]], si[name]):g} {_SHOWN[si[name]]}".rstrip()
+            if si[name] in _SHOWN
+            else f"{value:g}"
             for name, value in design.dimensions.items()
         },
         "material": design.material.as_text(),
