@@ -63,6 +63,8 @@ class Port:
         Where the port is known by the places of its faces in ``solid().Faces()``; otherwise point and normal find it.
     rigid
         Whether its faces move as one body, as a bolted flange does, rather than carry an even traction.
+    is_round
+        Whether it is a cylinder, whose axis the normal then is, or whatever direction was given.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Port:
     normal: Vector
     faces: tuple[int, ...] = ()
     rigid: bool = False
+    is_round: bool = False
 
 
 @dataclass(frozen=True)

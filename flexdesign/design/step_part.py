@@ -304,6 +304,7 @@ def _port(name: str, table: PortTable, found: tuple[SolidFace, ...], size: float
         table.direction or chosen[0].axis or chosen[0].normal,
         faces=tuple(face.index for face in chosen),
         rigid=table.interface == "rigid",
+        is_round=chosen[0].kind == "cylinder",
     )
 
 

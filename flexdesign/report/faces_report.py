@@ -11,6 +11,7 @@ import numpy as np
 
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.toml_files import FORMAT, quote
+from flexdesign.design import bores
 from flexdesign.design.faces import PORT_KINDS, SolidFace, how_to_name, in_mm, on_axis
 from flexdesign.design.step_file import StepBody
 from flexdesign.fem.meshing.surface import Surface, surface_of, triangle_areas
@@ -128,19 +129,54 @@ def result(body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions) -> dic
 
 
 def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) -> str:
-    """Return a design to start from: the two outermost plane faces along the longest way as ground and output."""
+    """Return a design to start from, with ground and output.
+
+    They are two bores if there is a natural pair of them (`bores.pair`), or else the two outermost plane faces along
+    the longest way. What else may be a port stands below as comments.
+    """
+    planes = _outermost_planes(faces)
+    low, high = (np.array(corner) * 1e-3 for corner in _box(faces))
+    known = bores.of_faces(faces, float(np.linalg.norm(high - low)))
+    found = bores.pair(known, float((high - low).max()))
+    meant = [f"solids = [{', '.join(map(quote, solids))}]"] if solids else []
+    lines = [f"format = {FORMAT}", f"part = {quote(part)}", *meant, 'material = "Al 7075-T6"']
+    if found is not None:
+        ports = sorted((bore.face for bore in found), key=lambda face: tuple(on_axis(face).round(9)))
+        lines += ["", "# Two bores, each about a rigid pin or bolt that holds it all round."]
+        others = [*planes, *(bore.face for bore in known if bore not in found)]
+    else:
+        ports, others = list(planes), [bore.face for bore in known]
+    for name, face in zip(("ground", "output"), ports, strict=True):
+        lines += ["", *_port(name, face, faces)]
+    if others:
+        lines += ["", "# Other faces that may be ports:"]
+    for face in others[:MOST]:
+        lines += ["#", *(f"# {line}" for line in _port("NAME", face, faces))]
+    return "\n".join(lines) + "\n"
+
+
+def _outermost_planes(faces: Sequence[SolidFace]) -> tuple[SolidFace, SolidFace]:
+    """Return the two outermost plane faces along the longest way."""
     planes = [face for face in faces if face.kind == "plane"] or list(faces)
     centres = np.array([face.centroid for face in planes])
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     along = [f for f in planes if abs(f.normal[axis]) > 0.99] or planes
     ground = min(along, key=lambda f: f.centroid[axis])
     others = [[f for f in some if f is not ground] for some in (along, planes)]
-    output = max(others[0] or others[1] or along, key=lambda f: f.centroid[axis])
-    meant = [f"solids = [{', '.join(map(quote, solids))}]"] if solids else []
-    lines = [f"format = {FORMAT}", f"part = {quote(part)}", *meant, 'material = "Al 7075-T6"']
-    for name, face in (("ground", ground), ("output", output)):
-        lines += ["", f"[ports.{name}]", *how_to_name(face, faces), 'interface = "traction"']
-    return "\n".join(lines) + "\n"
+    return ground, max(others[0] or others[1] or along, key=lambda f: f.centroid[axis])
+
+
+def _port(name: str, face: SolidFace, faces: Sequence[SolidFace]) -> list[str]:
+    """Return the table of a port; what sits in a bore or on a shaft is rigid."""
+    interface = "rigid" if face.axis else "traction"
+    return [f"[ports.{name}]", *how_to_name(face, faces), f'interface = "{interface}"']
+
+
+def _box(faces: Sequence[SolidFace]) -> tuple[Sequence[float], Sequence[float]]:
+    """Return the low and the high corner of the box about all faces [mm]."""
+    boxes = [face.shape.BoundingBox() for face in faces]
+    low = [min(getattr(box, key) for box in boxes) for key in ("xmin", "ymin", "zmin")]
+    return low, [max(getattr(box, key) for box in boxes) for key in ("xmax", "ymax", "zmax")]
 
 
 def _before(surface: Surface, face: SolidFace, distance: float) -> tuple[float, float, float]:

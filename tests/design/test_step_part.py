@@ -20,6 +20,7 @@ from flexdesign.api.step_files import read_ports
 from flexdesign.core.errors import InputError
 from flexdesign.design import design, faces, step_file, step_part
 from flexdesign.design.step_part import StepPart
+from flexdesign.fem.quantities import port_stiffness
 from tests.conftest import Ended
 
 DESIGN = """format = 1
@@ -513,3 +514,45 @@ def test_the_report_lists_the_ports_where_the_file_has_them(tmp_path: Path) -> N
 def test_a_number_of_a_face_is_refused_with_what_to_give_instead() -> None:
     with pytest.raises(ValidationError, match="`flexdesign ports` with the STEP file lists names"):
         step_part.PortTable.model_validate({"face": 3})
+
+
+# --- bores that are proposed as ports ------------------------------------------------------------------------------
+
+
+def _eyes(tmp_path: Path, *holes: tuple[float, float, float]) -> str:
+    """Return what is proposed for a bar of 80 x 16 x 6 mm with bores: place along it and beside it, radius [mm]."""
+    import cadquery as cq
+
+    bar = cq.Workplane("XY").box(80, 16, 6)
+    for x, y, radius in holes:
+        bar = bar.cut(cq.Workplane("XY").center(x, y).circle(radius).extrude(20, both=True))
+    cq.exporters.export(bar, str(tmp_path / "bar.step"))
+    return read_ports(tmp_path / "bar.step").found.design_for(tmp_path)
+
+
+def test_the_two_bores_of_a_link_are_proposed_and_validate_reads_them(tmp_path: Path) -> None:
+    """Also of different radii; the proposal is read as two rigid ports at the bores."""
+    (tmp_path / "bar.toml").write_text(_eyes(tmp_path, (-30, 0, 4), (30, 0, 3)), encoding="utf-8")
+    ports = {port.role: port for port in design.read(tmp_path / "bar.toml").part().ports()}
+    assert np.subtract(ports["output"].point, ports["ground"].point) == pytest.approx([60e-3, 0, 0], abs=1e-9)
+    assert all(port.rigid and port.is_round for port in ports.values())
+    assert not any(port_stiffness.kind(motion, list(ports.values())) for motion in ("x", "z", "rz"))
+
+
+def test_two_equal_bores_are_meant_among_others(tmp_path: Path) -> None:
+    text = _eyes(tmp_path, (-30, 0, 4), (30, 0, 4), (0, 3, 2))
+    assert text.count('radius = "4 mm"') == 2 and '# radius = "2 mm"' in text and "# Two bores" in text
+
+
+@pytest.mark.parametrize(
+    "holes",
+    [
+        [(-30, -4, 2), (30, -4, 2), (-30, 4, 2), (30, 4, 2)],  # for screws
+        [(-15, 0, 4), (15, 0, 4)],  # too near
+        [(0, 0, 4)],
+    ],
+)
+def test_other_bores_are_comments_below_the_planes(holes: list[tuple[float, float, float]], tmp_path: Path) -> None:
+    proposed, _, others = _eyes(tmp_path, *holes).partition("# Other faces")
+    assert proposed.count('interface = "traction"') == 2 and "radius" not in proposed
+    assert others.count("# radius = ") == len(holes)

@@ -53,9 +53,10 @@ def port_stiffness(c: PortCompliance) -> list[Quantity]:
 def kind(motion: str, ports: Sequence[Port]) -> str:
     """Return what a motion of the output does to a joint along its normal: axial, shear, torsion or bending.
 
-    Empty where the normal is along no axis.
+    Empty where the normal is along no axis, and of a bore or a shaft, whose axis does not tell how the joint lies.
     """
-    normal = np.abs(next(port for port in ports if port.role == "output").normal)
-    if normal.max() < 1 - 1e-6:
+    output = next(port for port in ports if port.role == "output")
+    normal = np.abs(output.normal)
+    if output.is_round or normal.max() < 1 - 1e-6:
         return ""
     return KINDS[motion.startswith("r"), bool(normal["xyz".index(motion[-1])] > 0.5)]

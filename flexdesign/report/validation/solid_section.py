@@ -42,10 +42,10 @@ def section(validation: Validation) -> Section:
         ]
         for hinge in thin.hinges
     ]
-    regions = Table(["thin region", "thickness", "extent", "centre"], rows)
+    regions = [Table(["thin region", "thickness", "extent", "centre"], rows)] if rows else []
     if not isinstance(part, StepPart):
-        return Section("The solid", [*notes, text], [regions])
-    return Section("The solid", [*notes, text], [_ports(part), regions])
+        return Section("The solid", [*notes, text], regions)
+    return Section("The solid", [*notes, text], [_ports(part), *regions])
 
 
 def volume_deviation(validation: Validation, level: Level) -> float:

@@ -99,7 +99,8 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
 def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
     """Return mesh, deformation and stress of a part that names no hinges, and its mesh where it is thinnest."""
     level, solution, planes = validation.finest, validation.finest.solution, validation.domain.planes
-    load, boundary = 1.0, "1 N of output force along the port's normal"
+    output = next(port for port in validation.study.design.part().ports() if port.role == "output")
+    load, boundary = 1.0, f"1 N of output force along the port's {'axis' if output.is_round else 'normal'}"
     if validation.has_input:
         load, boundary = quantities.stated_force(validation.study, solution)
     field = solution.input_field if validation.has_input else solution.output_field

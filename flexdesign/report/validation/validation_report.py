@@ -325,7 +325,7 @@ def _mesh(validation: Validation) -> Section:
         Table(exact, checks, "Relative errors of identities that must hold exactly"),
         Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh check: thickness measured on the finest mesh"),
     ]
-    return Section("Meshes and checks", [text], tables)
+    return Section("Meshes and checks", [text], [table for table in tables if table.rows])
 
 
 def _meshers(validation: Validation) -> str:
@@ -393,4 +393,4 @@ def _inputs(validation: Validation) -> Section:
     keys = ("part", "material", "actuator", "mesh", "modes", "output", "versions")
     other = [[key, flat(made[key])] for key in keys if made[key] is not None]
     tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
-    return Section("Inputs and versions", (), tables, folded=True)
+    return Section("Inputs and versions", (), [table for table in tables if table.rows], folded=True)
