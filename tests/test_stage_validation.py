@@ -407,7 +407,7 @@ def test_the_experiments_of_the_paper_run_on_the_stage_that_fem_found(run: Run) 
     assert span.value == pytest.approx(run.found.fem("stroke_x_table_free").value, rel=5e-4)
     said = {row[1]: row[5] for row in published_rows.table(found).rows}
     off = 1e6 * span.value - 238
-    assert said["loop span, x"] == f"{off:+.3g} um, beyond ±: unexplained"
+    assert said["loop span, x"] == f"{off:+#.3g} um, beyond ±: unexplained"
 
 
 @pytest.mark.slow
