@@ -81,8 +81,16 @@ def test_of_approximations_that_fit_alike_one_at_the_end_of_what_is_plausible_co
     at_end = trial("a", 100.0, 11.5, ends=["a.strength"])
     assert best(at_end, trial("b", 109.0, 11.3)) == "b"
     assert best(at_end, trial("b", 109.0, 11.3, ends=["b.strength"])) == "a"
-    assert best(at_end, trial("b", 111.0, 10.2)) == "a"  # BIC tells them apart
+    assert best(at_end, trial("b", 111.0, 11.9)) == "a"  # BIC tells them apart, and it predicts worse
     assert best(trial("a", 100.0, 11.5), trial("b", 109.0, 10.2, ends=["b.strength"])) == "a"
+
+
+def test_an_approximation_at_the_end_of_what_is_plausible_comes_after_one_that_predicts_as_well() -> None:
+    """BIC tells both apart; errors that differ by less than 5 % of the mean square do not."""
+    ended = trial("a", 100.0, 10.0, ends=["a.strength"])
+    assert best(ended, trial("b", 500.0, 10.2)) == "b"
+    assert best(ended, trial("b", 500.0, 10.3)) == "a"
+    assert best(ended, trial("b", 500.0, 10.2, ends=["b.strength"])) == "a"
 
 
 def test_stated_values_lie_in_their_intervals_where_a_fit_ended_early() -> None:

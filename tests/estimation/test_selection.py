@@ -482,7 +482,9 @@ def test_a_selection_stops_where_an_addition_made_itself_superfluous(monkeypatch
     assert [made.names for made in select(about, before, every, 1)[1]] == [("b",)]
 
 
-def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_added_since() -> None:
+def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_added_since(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A mixture of two explains most at first; with one of the two in the model, the other does better than it."""
     about = task({"a": 0.3, "b": 0.3})
     mixture = candidate("m", {"a": 0.5, "b": 0.5, "other": 0.3}, signed=True)
@@ -498,6 +500,10 @@ def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_adde
     assert [step.chosen.names for step in steps if step.chosen] == [(other,), (added,)]
     assert steps[0].trials is first.trials
     assert bic_lead(better, second.chosen.fit) > INDISTINGUISHABLE * second.chosen.fit.discrepancy
+    # Of what does better with a number at the end of what is plausible there is none.
+    with monkeypatch.context() as patch:
+        patch.setattr(stepwise_selection, "relevant_ends", lambda _, fit: list(fit.names))
+        assert replace_effects(about, second.chosen.fit, [first, second])[1] is second.chosen.fit
     # Two effects are all that the selection may add, and it finds the right ones.
     steps, fits = select(about, calibrated_stand(about), every, 2)
     assert [fit.names for fit in fits] == [better.names]

@@ -194,13 +194,17 @@ def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     """Return the best of accepted trials, of which the first has the least BIC.
 
     Where all are approximations, others that fit alike come before it: one whose numbers all are within what is
-    plausible, where its own are not; and one that predicts better by a stated share.
+    plausible, where its own are not; and one that predicts better by a stated share. If none that fits alike is
+    plausible, one is that predicts as well but for that share.
     """
     if not accepted or not accepted[0].fit.exceeds_noise or not task.validate.records:
         return next(iter(accepted), None)
     first = accepted[0]
     alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
-    plausible = [trial for trial in alike if not relevant_ends(task, trial.fit)] or alike
+    close = [t for t in accepted if criterion.explained_share(t.error, first.error, task.noise_rms) < criterion.SHARE]
+    plausible = next(
+        filter(None, ([t for t in some if not relevant_ends(task, t.fit)] for some in (alike, close))), alike
+    )
     first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
     return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
 

@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from flexdesign.estimation.criterion import LEVEL, cannot_tell_apart, critical_value
 from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH
+from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -161,7 +162,7 @@ def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step
 
     What was added first may have imitated two effects at once. Each alternative that was accepted at its step is fitted
     roughly in its place with all that were added later, and the best of them to the end; BIC must prefer it by more
-    than what decides nothing.
+    than what decides nothing, and its numbers must be plausible.
     """
     steps = list(steps)
     for k, step in enumerate(steps):
@@ -178,7 +179,8 @@ def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step
                 continue
             rough, chosen = max(roughly, key=lambda pair: bic_lead(pair[0], fit))
             best = fit_model(task, task.fine(rough.model), rough.effects, old=rough.solution.columns())
-            if best is not None and not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy):
+            is_better = best is not None and not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy)
+            if best is not None and is_better and not relevant_ends(task, best):
                 fit, steps[k] = best, replace(step, chosen=chosen)
     return steps, fit
 

@@ -108,8 +108,10 @@ def _lowest_with_main(
     A mode has the share (d . v) (y . v) / omega^2 of the static motion y . K^-1 d at the output y by the drive d. Of a
     drive at the output itself all shares are positive, so that none is larger than what all others leave.
     """
-    compliances = [(float(output @ answer), float(drive @ answer)) for drive, answer in
-                   ((drive, inverse(drive)) for drive in drives)]  # fmt: skip
+    answers = [inverse(drive) for drive in drives]
+    compliances = [
+        (float(output @ answer), float(drive @ answer)) for drive, answer in zip(drives, answers, strict=True)
+    ]
     driven = [
         (drive, static)
         for drive, (static, own) in zip(drives, compliances, strict=True)
