@@ -118,7 +118,7 @@ atexit.register(_helper.end)
 def ask(seconds: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     """Call a module-level function in a process that is kept for the next call, and return what it returns.
 
-    The function may take so many seconds of processor time. What it raises is raised here; what it writes on the
+    The function may take `seconds` of processor time. What it raises is raised here; what it writes on the
     terminal, and warns of, is lost.
 
     Raises
