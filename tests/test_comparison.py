@@ -245,8 +245,8 @@ def test_nothing_above_the_noise_has_no_shares() -> None:
 def test_sentences_say_where() -> None:
     said = comparison_text.sentences(creeping())
     assert len(said) == 3
-    assert said[0].startswith("It fails mostly in steps: ")
-    assert said[1].startswith("It fails mostly below 0.71 Hz: ")
+    assert said[0].startswith("The model fails mostly in steps: ")
+    assert said[1].startswith("The model fails mostly below 0.71 Hz: ")
 
 
 def test_every_picture_and_number_is_written(tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def test_words_are_those_of_a_mechanical_engineer() -> None:
 def test_the_report_opens_with_ladder_and_has_every_section() -> None:
     document = diagnosis_report.document(diagnosed(), ())
     assert [section.title for section in document.sections][:4] == [
-        "The error ladder", "Where it fails", "Measured and predicted", "What it is: stress stiffening",
+        "The error ladder", "Where it fails", "Measured and predicted", "The effect: stress stiffening",
     ]  # fmt: skip
     files = [figure.file for figure in document.figures]
     assert len(set(files)) == len(files)

@@ -175,7 +175,7 @@ def demo(browser: Any, server: Server) -> Iterator[Any]:
 
 
 def test_where_it_fails_is_read_and_the_suggested_effect_explains_it(demo: Any) -> None:
-    said = demo.get_by_text(re.compile("^It fails mostly")).all_inner_texts()
+    said = demo.get_by_text(re.compile("^The model fails mostly")).all_inner_texts()
     assert any("unexplained error" in text for text in said)
     assert ratios(demo)[1] > 100
     # The first in the list is the one that explains most.

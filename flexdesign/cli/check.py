@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import MEASUREMENTS, AsJson, app, progress, report_folder, show
+from flexdesign.cli.shared import MEASUREMENTS, AsJson, app, next_step, progress, report_folder, show
 
 HELP = """Check recordings before a fit: what they hold, what is suspicious, and which effects they can reveal.
 
@@ -48,3 +48,5 @@ def check(
         found = measured.check(recordings)
         written = report_folder(out, "", "check", recordings).write(found) if out else []
     show(found, written, as_json)
+    if found.recordings and not as_json:
+        next_step("compare", "MODEL", *recordings)

@@ -18,6 +18,7 @@ from flexdesign.cli.shared import (
     app,
     file_of,
     listed,
+    next_step,
     progress,
     report_folder,
     show,
@@ -76,3 +77,5 @@ def compare(
         say("writing")
         written = where.write(found)
     show(found, written, as_json)
+    if not found.agrees and not as_json:
+        next_step("diagnose", model, *recordings)

@@ -19,6 +19,7 @@ from flexdesign.cli.shared import (
     app,
     file_of,
     listed,
+    next_step,
     progress,
     report_folder,
     show,
@@ -106,3 +107,5 @@ def diagnose(
         say("writing")
         written = where.write(found, model_file=model_file)
     show(found, written, as_json)
+    if model_file and not as_json:
+        next_step("compare", model_file, *recordings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -76,7 +77,8 @@ def import_(
         if proposal.questions:
             raise importing.asking(recordings, proposal.questions)
         found = importing.bring_in(recordings, proposal.map(), folder)
-        typer.echo(f"Understood {', '.join(proposal.understood)}. Otherwise: --print-map > map.toml, change it, --map.")
+        typer.echo(f"Understood {', '.join(proposal.understood)}.")
+        typer.echo("If that is wrong: add --print-map > map.toml, correct the map, and pass it with --map map.toml.")
         if proposal.left_out:
             typer.echo(f"Left out: {', '.join(map(printable, proposal.left_out))}.")
     for run in found.runs:
@@ -93,3 +95,4 @@ def import_(
         for remark in response.remarks:
             typer.echo(f"  {remark}")
     typer.echo(f"{found.folder / 'measurements.toml'}")
+    typer.echo(f"Next: flexdesign check {shlex.quote(str(found.folder))}")

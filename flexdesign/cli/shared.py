@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -129,6 +130,11 @@ def show(found: Result[Any], written: Sequence[Path], as_json: bool) -> None:
         print_json(found.to_dict())
     else:
         terminal.show(str(found), [path for path in written if path.suffix not in (".svg", ".png")])
+
+
+def next_step(command: str, *arguments: str | Path) -> None:
+    """Name on stderr the command that one usually runs next."""
+    typer.echo(f"Next: flexdesign {command} {shlex.join(map(str, arguments))}", err=True)
 
 
 def write_file(path: Path | None, text: str | None = None) -> None:

@@ -59,17 +59,19 @@ def sentences(comparison: Comparison) -> list[str]:
     by_run = comparison.by("run")
     if by_run and len(by_run.parts) > 1:
         if by_run.contrast < UNIFORM:
-            text.append("It fails in all runs alike.")
+            text.append("The model fails in all runs alike.")
         else:
             worst = sorted(by_run.concentrated, key=lambda p: -p.share)
             names = join_names([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
-            text.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
+            text.append(
+                f"The model fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error."
+            )
     by_frequency = comparison.by("frequency")
     if by_frequency and (band := by_frequency.dominant()):
         mode = comparison.model.axes[comparison.axis].natural_frequency
         near = f", where the main mode is ({units.hertz(mode)})" if band[0].lower <= mode < band[-1].upper else ""
         share = percent(sum(p.share for p in band))
-        text.append(f"It fails mostly {place(by_frequency, band)}{near}: {share}.")
+        text.append(f"The model fails mostly {place(by_frequency, band)}{near}: {share}.")
     regions = [b for b in comparison.where if b.by not in ("run", "frequency")]
     strongest = max(regions, key=lambda b: b.contrast * b.covers)
     if strongest.contrast * strongest.covers < UNIFORM:
@@ -77,10 +79,9 @@ def sentences(comparison: Comparison) -> list[str]:
     else:
         parts = strongest.concentrated
         share, weight = (sum(getattr(p, key) for p in parts) for key in ("share", "weight"))
-        of = "the error" if strongest.covers > 0.99 else "the error after steps"
-        text.append(
-            f"It fails mostly {place(strongest, parts)}: {percent(share)} of {of}, in {percent(weight)} of the time."
-        )
+        error = "the error" if strongest.covers > 0.99 else "the error after steps"
+        shares = f"{percent(share)} of {error}, in {percent(weight)} of the time"
+        text.append(f"The model fails mostly {place(strongest, parts)}: {shares}.")
     return text
 
 

@@ -197,7 +197,9 @@ def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: 
     """Return what is suspicious of the recordings together."""
     found = []
     if runs and not any(part.role != "identify" for part in parts):
-        remedy = 'record a second run, or state role = "validate" for one: a fit is judged by what it has not seen'
+        remedy = (
+            'record a second run, or state role = "validate" for one: a model is validated on runs that were not fitted'
+        )
         found.append(Suspicion("", "no run can be kept for validation", remedy))
     for name, (least, most) in coverage.levels_of(runs).items():
         if most < 1.5 * least and len(runs) > 1:

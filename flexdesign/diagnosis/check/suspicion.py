@@ -228,7 +228,10 @@ def of_noise(response: str, noise: NoiseFloor) -> list[Suspicion]:
     found = [Suspicion("", f"noise of {response}: {remark}", "") for remark in noise.remarks]
     if not noise.known:
         remedy = 'record a quiet stretch or one command twice, or write noise = "3 nm" in measurements.toml'
-        return [*found, Suspicion("", f"the noise of {response} is unknown: nothing shows it alone", remedy)]
+        return [
+            *found,
+            Suspicion("", f"the noise of {response} is unknown, as no part of the recordings shows it alone", remedy),
+        ]
     for name in noise.rms:
         if (density := _upper_density(noise, name)) < FILTERED_NOISE:
             what = f"the noise of {response} is filtered: near the Nyquist frequency its density falls to {density:.2g}"

@@ -24,6 +24,8 @@ from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
 #: Below this correlation the reversed prediction would explain more than half of the motion.
 REVERSED_CORRELATION = -math.sqrt(0.5)
+#: An error below this many times the noise floor is noise: the floor itself is known to some percent.
+NOISE_RATIO = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +150,16 @@ class Comparison:
     def unexplained(self) -> float:
         """Root of the mean square above the noise floor [response]; zero where the error is noise."""
         return math.sqrt(max(self.rms**2 - self.floor**2, 0.0))
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether the error of the runs is noise; False without runs."""
+        return self.rms < NOISE_RATIO * self.floor
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the errors of runs and frequency responses are noise: then nothing is missing."""
+        return (self.is_noise or not self.runs) and all(each.ratio < NOISE_RATIO for each in self.responses)
 
     @property
     def correlation(self) -> float:

@@ -94,7 +94,7 @@ def _sections(addition: AddedEffect, loop: InTheLoop) -> list[Section]:
         loop_section(addition.before, addition.axis, loop),
         *_in_time(stands, kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, axis.natural_frequency),
-        Section("The model's own numbers", [], [reports.numbers_table(axis, addition.calibration)]),
+        Section("Parameters of the model", [], [reports.numbers_table(axis, addition.calibration)]),
         Section("Noise", reports.noise_text(addition.noise, addition.noise_floor, prose.response(addition))),
     ]
 

@@ -142,8 +142,8 @@ def _headline(check: Check) -> str:
 
 
 def _sentence(recording: str, what: str, remedy: str) -> str:
-    where = f"{recording}: " if recording else ""
-    return f"{where}{what}{f': {remedy}' if remedy else ''}."
+    subject = f"{recording}: {what}" if recording else f"{what[:1].upper()}{what[1:]}"
+    return f"{subject}{f'. Remedy: {remedy}' if remedy else ''}."
 
 
 def _coverage(check: Check) -> list[str]:

@@ -24,8 +24,6 @@ from flexdesign.report.diagnosis.residual_charts import Bars, Trace
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.traces import Curve, Traces
 
-#: An error below this many times the noise floor is noise; the floor itself is known to some percent.
-NOISE = 1.15
 #: What to know of a breakdown.
 REMARKS = {"time since the last step": "While the command stands still since"}
 #: A command that changes by this share of its span between two samples jumps.
@@ -86,7 +84,7 @@ def summary(comparison: Comparison) -> list[str]:
         *doubts(comparison.observed),
         f"The model misses {count} by {rms} rms, {share} of the stroke{validation}. {_noise(comparison)}",
     ]
-    if comparison.rms < NOISE * comparison.floor:
+    if comparison.is_noise:
         noise = f"the noise ({noise_floor})" if comparison.noise.known else "no more than what may be noise"
         sentences.append(f"That is {noise}: nothing in these runs says that the model fails.")
         return [*sentences, *lines]
@@ -134,9 +132,7 @@ def result(comparison: Comparison) -> dict[str, Any]:
             for run in comparison.runs
         ],
         "where": [breakdown_json(b, si) for b in comparison.where],
-        "sentences": words.sentences(comparison)
-        if comparison.runs and comparison.rms >= NOISE * comparison.floor
-        else [],
+        "sentences": words.sentences(comparison) if comparison.runs and not comparison.is_noise else [],
         **({"frequency_responses": response_pages.result(comparison.responses, si)} if comparison.responses else {}),
         "made_by": {"model": comparison.model.name, "versions": versions.installed()},
     }

@@ -39,7 +39,7 @@ def where(found: Confronted) -> list[str]:
     """Return where the model fails, in sentences; of noise alone nothing fails."""
     if not found.comparison.runs:
         return []
-    if found.comparison.rms < comparison_report.NOISE * found.comparison.floor:
+    if found.comparison.is_noise:
         return ["The residual is noise: nothing in these runs contradicts the model."]
     return words.sentences(found.comparison)
 

@@ -85,7 +85,7 @@ def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:
     """Return where each model fails, in a few sentences."""
     text = list[str]()
     for name, fit in stands if stands[0][1].runs else []:
-        if fit.rms < comparison_report.NOISE * fit.floor:
+        if fit.is_noise:
             text.append(f"{capital(name)}: nothing above the noise.")
         else:
             text.append(f"{capital(name)}: {' '.join(words.sentences(fit))}")

@@ -126,7 +126,7 @@ def _sections(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[Secti
         Section("What was tried", _candidates_text(diagnosis), [candidates(diagnosis)] if diagnosis.candidates else []),
         *_apart(diagnosis, proposals),
         *_remainder(diagnosis),
-        Section("The model's own numbers", _numbers_text(diagnosis), [numbers_table(axis, diagnosis.calibration)]),
+        Section("Parameters of the model", _numbers_text(diagnosis), [numbers_table(axis, diagnosis.calibration)]),
         Section("Noise", noise_text(diagnosis.noise, diagnosis.noise_floor, prose.response(diagnosis))),
         *more_pictures(stands, kinds),
         Section("How it was done", _how(diagnosis)),
@@ -156,17 +156,17 @@ def noise_text(noise: NoiseFloor, noise_floor: float, si: str) -> list[str]:
 
 
 def values_table(values: Sequence[Value]) -> Table:
-    """Return fitted numbers with their intervals and what they mean."""
+    """Return fitted parameters with their meaning and their intervals."""
     rows = []
     for value in values:
         estimate = prose.estimate_of(value)
         name = value.parameter.name.rpartition(".")[2]
         rows.append([name, value.parameter.meaning, estimate.value_text, estimate.interval_text])
-    return Table(["number", "what it is", "value", "95 % interval"], rows)
+    return Table(["parameter", "meaning", "value", "95 % interval"], rows)
 
 
 def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
-    """Return the values of a number that differs from run to run; no table where none does."""
+    """Return the values of a parameter that differs from run to run; no table where none does."""
     estimates = {run: prose.estimate_of(value) for run, value in by_run.items()}
     rows = [[run, each.value_text, each.interval_text] for run, each in estimates.items()]
     names = dict.fromkeys(value.parameter.name.rpartition(".")[2] for value in by_run.values())
@@ -186,9 +186,10 @@ def _model_name(diagnosis: Diagnosis) -> str:
 def _ladder_text(diagnosis: Diagnosis) -> list[str]:
     runs = prose.validated_on(prose.observations(diagnosis))
     return [
-        f"Each bar is the error of {runs}. As designed: only the initial conditions of each record are fitted. "
-        "Recalibrated: the model's own numbers are fitted, with their priors. Then effects are added while they "
-        "earn their place." + ("" if diagnosis.runs else " Every line of a frequency response counts by its noise.")
+        f"Each bar is the error of {runs}. As designed: only the initial conditions of each run are fitted. "
+        "Recalibrated: the parameters of the model are fitted, with their priors. Then effects are added, one or two "
+        "at a time, while they are significant."
+        + ("" if diagnosis.runs else " Every line of a frequency response counts by its noise.")
     ]
 
 
@@ -215,16 +216,16 @@ def _effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> Section:
         stated = diagnosis.model.axes[diagnosis.axis].effects.get(named.name, {})
         doubts = effect.cautions({**stated, **{v.parameter.name.rpartition(".")[2]: v.value for v in named.values}})
         text += [f"Take care: {doubt}." for doubt in doubts]
-    title = f"What it is: {prose.effect_name(named.name)}"
+    title = f"The effect: {prose.effect_name(named.name)}"
     return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])
 
 
 def _candidates_text(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.candidates:
-        return ["No effect of the catalogue promised more than chance gives, so that none was fitted."]
+        return ["No effect of the catalogue has a significant score, so that none was fitted."]
     return [
-        "Every effect of the catalogue was screened at each step by what it can explain in addition to the model's own "
-        "parameters; these scored highest and were fitted together with everything else."
+        "Every effect of the catalogue was screened at each step: its score is what it can explain in addition to the "
+        "parameters of the model. These scored highest, and were fitted together with all other parameters."
     ]
 
 
@@ -272,7 +273,7 @@ def _coefficient(name: str, coefficient: float, si: str) -> str:
 
 
 def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
-    """Return the model's own numbers, before and after."""
+    """Return the parameters of the model, before and after."""
     before = axis.numbers
     rows = []
     for value in calibration:
@@ -281,11 +282,11 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
         was = "–" if old is None else units.to_text(old, p.unit, si=p.si)
         change = f"{100 * (value.value / old - 1):+.2g} %" if old else "–"
         rows.append([p.name, was, estimate.value_text, estimate.interval_text, change])
-    return Table(["number", "before", "fitted", "95 % interval", "change"], rows)
+    return Table(["parameter", "design", "fitted", "95 % interval", "change"], rows)
 
 
 def _numbers_text(diagnosis: Diagnosis) -> list[str]:
-    text = ["The model's own numbers as they are with all that was found."]
+    text = ["Fitted together with all effects that were found."]
     text += [f"Beyond the prior: {conflict}." for conflict in diagnosis.conflicts]
     return text
 
@@ -298,7 +299,7 @@ def _how(diagnosis: Diagnosis) -> list[str]:
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
     return [
         text,
-        "Residuals are whitened with the noise before anything is judged. Where each record began (offset, a mode that "
-        "rings, slow states, where the voltage had turned, a late trigger) is free and never named.",
+        "Residuals are whitened with the noise. The initial conditions of each run (offset, amplitudes of the modes, "
+        "slow states, reversal voltages, trigger delay) are fitted, and are never named as effects.",
         f"{diagnosis.evaluations} simulations in {diagnosis.seconds:.0f} s; {made}.",
     ]

@@ -120,7 +120,9 @@ def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
     values = "; ".join(quantity(value, short=True) for value in named.values)
     name = _sentence(effect_name(named.name))
     sentences = (
-        f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(diagnosis.conflicts)})"
+        f"{name}: {values}"
+        if values
+        else f"{name}: seen in the parameters of the model ({'; '.join(diagnosis.conflicts)})"
     )
     if named.by_run:
         sentences += f", the mean over runs; it differs from run to run, {_range_over_runs(named)}"

@@ -37,7 +37,7 @@ def estimates(identification: Identification) -> Table:
             remark = f"not determined, {validation_runs}: {estimate.reason}"
         interval = "not stated" if identification.is_incomplete and estimate.determined else estimate.interval_text
         rows.append([estimate.name, value, interval, _prior(identification, estimate), remark])
-    return Table(["number", "value", "95 % interval", "known before", "remark"], rows)
+    return Table(["parameter", "value", "95 % interval", "prior", "remark"], rows)
 
 
 def matches(identification: Identification) -> Table:
@@ -190,7 +190,7 @@ def _rests_on(identification: Identification) -> list[str]:
         else:
             sentences.append("The residual is white.")
     if not identification.known:
-        sentences.append("No uncertainty was stated for what is free, so that nothing known before took part.")
+        sentences.append("No uncertainty was stated for the free parameters: the fit has no prior.")
     return sentences
 
 

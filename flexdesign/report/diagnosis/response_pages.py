@@ -11,6 +11,7 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.serialise import with_unit
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
+from flexdesign.diagnosis.comparison.compare import NOISE_RATIO
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import axis_unit
@@ -19,8 +20,6 @@ from flexdesign.report.document import Figure, Section, Table
 
 #: A model by what it is called, and what it leaves of every frequency response.
 FittedModel = tuple[str, Sequence[ResponseComparison]]
-#: An error below this many times the noise is noise.
-NOISE = 1.15
 
 
 def table(stands: Sequence[FittedModel]) -> Table:
@@ -50,13 +49,14 @@ def sentences(responses: Sequence[ResponseComparison], natural_frequency: float)
         f"{units.significant(each.ratio, 3)} times the {'noise' if each.known else 'guessed noise'}."
         for each in responses
     ]
-    if all(each.ratio < NOISE for each in responses):
+    if all(each.ratio < NOISE_RATIO for each in responses):
         return [*text, "Nothing is above the noise of the lines."]
     bands = by_band(responses)
     if band := bands.dominant():
         near = band[0].lower <= natural_frequency < band[-1].upper
         mode = f", where the main mode is ({units.hertz(natural_frequency)})" if near else ""
-        text.append(f"It fails mostly {words.place(bands, band)}{mode}: {words.percent(sum(p.share for p in band))}.")
+        share = words.percent(sum(p.share for p in band))
+        text.append(f"The model fails mostly {words.place(bands, band)}{mode}: {share}.")
     return text
 
 
