@@ -322,6 +322,7 @@ def test_the_command(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     ended = command_line("check", runs, "--out", "report")
     assert {path.name for path in (tmp_path / "report").iterdir()} >= {"report.html", "report.md", "result.json"}
     assert "6 recordings, nothing suspicious" in " ".join(ended.stdout.split())
+    assert f"Next: flexdesign compare MODEL {runs}\n" in ended.stderr
     assert command_line("check", "none.csv").code == 2
 
 

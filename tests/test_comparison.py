@@ -86,6 +86,7 @@ def test_the_error_of_a_right_model_is_the_noise() -> None:
         assert run.ratio == pytest.approx(1.0, abs=0.06)
         assert run.largest == pytest.approx(3.7 * NOISE, rel=0.25)  # the largest of 4000 normal numbers
     assert sound().noise.source.startswith("quiet stretches")
+    assert sound().agrees and not creeping().agrees
     assert "nothing in these runs says that the model fails" in " ".join(comparison_report.summary(sound()))
 
 
@@ -270,6 +271,7 @@ def test_the_command_line_compares(tmp_path: Path) -> None:
     (tmp_path / "stage.toml").write_text(to_toml(model()), encoding="utf-8")
     command = ["compare", str(tmp_path / "stage.toml"), str(tmp_path / "sine.csv"), "--out", str(tmp_path / "out")]
     answer = CliRunner().invoke(app, command)
+    assert "Next: flexdesign diagnose" in answer.stderr
     assert answer.exit_code == 0, answer.output
     assert "times that" in answer.output and "sine" in answer.output
     assert (tmp_path / "out" / "report.html").is_file()

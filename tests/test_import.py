@@ -501,6 +501,7 @@ def test_the_template_is_a_map_that_wants_completing(tmp_path: Path, command_lin
     ended = command_line("import", "rig.mat", "--map", "map.toml", "-o", "sine")
     assert (ended.code, ended.stderr) == (0, "")
     assert "sine/rig.csv: 400 samples at 2000 Hz: u, x" in ended.stdout
+    assert ended.stdout.endswith("Next: flexdesign check sine\n")
     (run,) = read_runs([tmp_path / "sine"])
     assert 1e6 * run.measured() == pytest.approx(X[:, 0], rel=1e-11)
 
