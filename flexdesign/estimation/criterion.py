@@ -132,9 +132,9 @@ def large_share() -> float:
     return LARGE / (1.0 + LARGE)
 
 
-def excludes(value: float, null: float, sigma: float) -> bool:
+def excludes(value: float, null: float, half_width: float) -> bool:
     """Tell whether a 95 % interval excludes the null."""
-    return abs(value - null) > HALF_WIDTH * sigma
+    return abs(value - null) > half_width
 
 
 def is_undetermined(half_width: float, plausible: float) -> bool:

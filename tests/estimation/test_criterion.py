@@ -44,7 +44,8 @@ def test_effects_are_refused_for_the_first_check_that_fails() -> None:
 
 def test_the_interval_is_one_of_95_percent() -> None:
     assert pytest.approx(norm.ppf(0.975), abs=1e-3) == criterion.HALF_WIDTH
-    assert criterion.excludes(1.0, 0.0, 0.5) and not criterion.excludes(1.0, 0.0, 0.52)
+    half_widths = (criterion.HALF_WIDTH * sigma for sigma in (0.5, 0.52))
+    assert [criterion.excludes(1.0, 0.0, half_width) for half_width in half_widths] == [True, False]
 
 
 def test_each_further_number_raises_the_critical_value_by_its_quantile() -> None:

@@ -271,8 +271,7 @@ def _value(fit: FittedModel, solution: Solution, name: str, deviation: str) -> V
     where, parameter = solution.problem.where, parameter_of(fit.model, name)
     contrast = np.array([each in (name, deviation) for each in where.names], dtype=float)
     value = float(contrast @ solution.x) + (0.0 if name in where.names else float(parameter.start or 0.0))
-    variance = float(contrast @ solution.covariance @ contrast) * fit.discrepancy
-    half = HALF_WIDTH * math.sqrt(max(variance, 0.0))
+    half = fit.half_width_of(contrast, solution)
     return Value(parameter, value, (value - half, value + half))
 
 

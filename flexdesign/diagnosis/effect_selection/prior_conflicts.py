@@ -244,8 +244,9 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
     half = float(stdtrit(len(late) - 1, 0.975)) * error  # of a few runs the scatter itself is hardly known
     # What they have in common, such as the error of the natural frequency, does not scatter.
-    variance = float(fit.solution.covariance[np.ix_(places, places)].mean()) * fit.discrepancy
-    half = max(half, HALF_WIDTH * math.sqrt(max(variance, 0.0)))
+    average = np.zeros(len(where.names))
+    average[places] = 1 / len(places)
+    half = max(half, fit.half_width_of(average))
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
     # Behind the stack only the sensor can be late.
     effect, number = ("sensor_delay", SENSOR_DELAY) if data.is_at_stack else ("transport_delay", DELAY)

@@ -127,6 +127,12 @@ def value(parameter: Parameter, coordinate: float) -> float:
     return coordinate
 
 
+def null_of(strength: Parameter) -> float:
+    """Return the value in SI at which an effect vanishes; a strength is a parameter that has one."""
+    assert strength.null is not None
+    return strength.null
+
+
 def _derivative(parameter: Parameter, coordinate: float) -> float:
     if parameter.scale == "log":
         return value(parameter, coordinate)

@@ -9,7 +9,7 @@ import numpy as np
 
 from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, WORSE
-from flexdesign.estimation.least_squares.parameter_transforms import value
+from flexdesign.estimation.least_squares.parameter_transforms import null_of, value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -72,8 +72,7 @@ def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
     if strength.interval is None:
         return False
     low, high = strength.interval
-    assert strength.parameter.null is not None  # that is what makes it the strength
-    null = float(np.clip(strength.parameter.null, *strength.parameter.plausible))
+    null = float(np.clip(null_of(strength.parameter), *strength.parameter.plausible))
     holds_null = low <= null <= high or any(math.isclose(null, end, rel_tol=1e-6) for end in (low, high))
     return (bool(fit.deviations(strength.name)) and not fit.exceeds_noise) or not holds_null
 

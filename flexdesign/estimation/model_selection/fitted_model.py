@@ -15,6 +15,7 @@ from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermine
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.multistart import grid_initial_states
+from flexdesign.estimation.least_squares.parameter_transforms import null_of
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
@@ -139,22 +140,39 @@ class FittedModel:
         ]
 
     def half_width(self, j: int) -> float:
-        """Return half the 95 % interval of a coordinate by the covariance, discrepancy counted."""
+        """Return half the 95 % interval of a coordinate; infinite if the runs do not depend on it."""
         if self.solution.normal[j, j] <= 0:
             return math.inf
-        return HALF_WIDTH * math.sqrt(max(float(self.solution.covariance[j, j]) * self.discrepancy, 0.0))
+        contrast = np.zeros(len(self.solution.x))
+        contrast[j] = 1.0
+        return self.half_width_of(contrast)
+
+    def half_width_of(self, contrast: Array, solution: Solution | None = None) -> float:
+        """Return half the 95 % interval of a linear combination of coordinates, by the covariance.
+
+        The covariance is that for the stated noise, times the discrepancy.
+
+        Parameters
+        ----------
+        contrast
+            Weights of the coordinates.
+        solution
+            The solution with these coordinates; by default that of this fit.
+        """
+        covariance = (solution or self.solution).covariance
+        variance = float(contrast @ covariance @ contrast) * self.discrepancy
+        return HALF_WIDTH * math.sqrt(max(variance, 0.0))
 
     def deviations(self, name: str) -> list[str]:
         """Return the deviations of the fitted runs from a number, by name; none if it is one for all runs."""
         return [p.name for p in self.solution.problem.where.parameters if p.run and p.name.endswith(f":{name}")]
 
     def mean_over_runs(self, name: str) -> tuple[float, float]:
-        """Return a number with the mean of the deviations of the fitted runs, and half its 95 % interval."""
+        """Return a parameter plus the mean deviation of the fitted runs, and half its 95 % interval."""
         own = self.deviations(name)
         names = self.solution.problem.where.names
         contrast = np.array([(each == name) + (each in own) / max(len(own), 1) for each in names])
-        variance = float(contrast @ self.solution.covariance @ contrast) * self.discrepancy
-        return float(contrast @ self.solution.x), HALF_WIDTH * math.sqrt(max(variance, 0.0))
+        return float(contrast @ self.solution.x), self.half_width_of(contrast)
 
     def is_undetermined(self, j: int) -> bool:
         """Tell whether that interval says next to nothing in the plausible range of the coordinate."""
@@ -344,8 +362,7 @@ def _rms_difference(records: Sequence[Record], before: Model, after: Model, weig
 
 def without_effect(model: Model, effect: Candidate) -> Model:
     """Return a model in which an effect does nothing, in no run; all other numbers stay."""
-    null = parameter_of(model, effect.strength).null
-    assert null is not None  # that is what makes it the strength
+    null = null_of(parameter_of(model, effect.strength))
     deviations = {p.name: 0.0 for p in model.parameters() if p.run and p.name.endswith(f":{effect.strength}")}
     return model.replace({effect.strength: null, **deviations})
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
-from flexdesign.estimation.least_squares.parameter_transforms import coordinate
+from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of
 from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, largest_difference, without_effect
@@ -135,23 +135,22 @@ def _trace(before: FittedModel, after: FittedModel, effect: Candidate) -> float:
 def is_determined(fit: FittedModel, effect: Candidate) -> bool:
     """Tell whether the 95 % interval of an effect's strength excludes its null, discrepancy counted.
 
-    One that differs from run to run is determined where it is so in a run: its mean may be next to nothing.
+    A strength that differs from run to run is determined if it is determined in one run: its mean may be near zero.
     """
     solution = fit.solution
     where = solution.problem.where
     j = where.names.index(effect.strength)
     parameter = where.parameters[j]
-    null = 0.0 if parameter.scale == "inverse" else parameter.null
-    assert null is not None  # that is what makes it the strength
+    null = 0.0 if parameter.scale == "inverse" else null_of(parameter)
     if parameter.scale == "log":  # its null is infinitely far away; zero is one relative unit away
         null = float(solution.x[j]) - 1.0
     elif parameter.scale == "linear":
         null = coordinate(parameter, null)
     deviations = [k for k, name in enumerate(where.names) if name.endswith(f":{effect.strength}")]
-    covariance = solution.covariance * fit.discrepancy
-    for places in [[j, k] for k in deviations] or [[j]]:
-        sigma = math.sqrt(max(float(covariance[np.ix_(places, places)].sum()), 0.0))
-        if criterion.excludes(float(solution.x[places].sum()), null, sigma):
+    for summands in [[j, k] for k in deviations] or [[j]]:
+        contrast = np.zeros(len(solution.x))
+        contrast[summands] = 1.0
+        if criterion.excludes(float(solution.x[summands].sum()), null, fit.half_width_of(contrast)):
             return True
     return False
 

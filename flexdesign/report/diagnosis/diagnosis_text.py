@@ -15,13 +15,11 @@ from flexdesign.diagnosis.experiment_design.discrimination import Proposal
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
-from flexdesign.estimation.criterion import large_share
+from flexdesign.estimation.criterion import HALF_WIDTH, large_share
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import response_pages
 
-#: Half-width of a 95 % interval, in standard deviations.
-HALF_WIDTH = 1.96
 #: Effects that are mentioned although they are refused.
 MOST_REFUSED = 3
 #: Effects that are called after people.
