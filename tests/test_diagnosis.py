@@ -32,7 +32,7 @@ from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
 from flexdesign.diagnosis.remainder import BasisFunctions, is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory, Value
-from flexdesign.diagnosis.verdict import LARGE, decide, reach_verdict
+from flexdesign.diagnosis.verdict import LARGE, Conclusion, decide, diagnosis_of
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_dynamics import missing
@@ -212,8 +212,18 @@ def concluded(
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]
         stage = StageModel({"x": about.axis})
-        found = reach_verdict(stage, about, course, left, verdict, ladder, (), moved, implied, None, {})
-        return replace(found, refusal=refusal)
+        conclusion = Conclusion(
+            verdict=verdict,
+            refusal=refusal,
+            smooth_model=left,
+            error_ladder=ladder,
+            groups=(),
+            conflicts=moved,
+            implied_effects=implied,
+            offset_residual=None,
+            by_run={},
+        )
+        return diagnosis_of(stage, about, course, conclusion)
 
 
 def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estimate, ...]:

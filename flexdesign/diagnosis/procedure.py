@@ -1,9 +1,9 @@
 """Diagnosis of one axis: calibrate the model, select effects, and decide what is named.
 
-The numbers of the model itself are fitted first, what finite elements know within its uncertainty, so that no effect is
-blamed for a stiffness that is one percent off. Effects are then selected, and the residual is compared with the noise.
-They are named if the residual is noise, or if they explain a large share and no smooth function of position,
-velocity and voltage explains more.
+The parameters of the model itself are fitted first, those that finite elements determine within their uncertainty, so
+that no effect is named for a stiffness that is one percent off. Effects are then selected, and the residual is compared
+with the noise. Effects are named if the residual is noise, or if they explain a large share and no smooth function of
+position, velocity and voltage explains more.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.oversampling import oversampling_of
 from flexdesign.diagnosis.remainder import is_adequate, is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
-from flexdesign.diagnosis.verdict import decide, reach_verdict
+from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.determination import (
@@ -75,20 +75,20 @@ def diagnose(
     Parameters
     ----------
     model
-        The stage model; its uncertainties say how far its numbers may move.
+        The stage model; its uncertainties are the priors of its parameters.
     runs
-        What was recorded, frequency responses among it; where nobody chose roles, they are split.
+        Runs in time and frequency responses; if no roles are stated, they are split.
     axis
-        Which one; may be left out where model and runs leave no choice.
+        Name of the axis; needed only if model and runs leave a choice.
     more
         Paths of effects in addition to those of the catalogue.
     tolerance
-        How far an effect must move the prediction of a validation run, rms [response]; by default 0.05 % of the
-        stroke or 0.3 of the noise, whichever is less. A residual below a stated tolerance counts as none.
+        Least change of the prediction of a validation run by an effect, rms [response]; by default 0.05 % of the
+        stroke or 0.3 of the noise, whichever is less. A residual below a stated tolerance counts as zero.
     noise
-        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
+        Standard deviation of the noise of runs, if it is stated [response]; by default it is estimated.
     threads
-        Simulations at a time.
+        Number of simulations at a time.
     progress
         Receives the progress as text.
 
@@ -97,7 +97,7 @@ def diagnose(
     InputError
         If the axis is ambiguous, a run does not suit it, or no run may be fitted.
     """
-    began = perf_counter()
+    start_time = perf_counter()
     progress("reading the noise")
     data = prepare(model, runs, axis, tolerance, noise)
     recorded = [each for each in runs if isinstance(each, Run)]
@@ -115,47 +115,65 @@ def diagnose(
             _, case_of_parts = case_of(model, short, each, progress)
             _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more))
         task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), preliminary)
-        # Errors of simulation matter where they are not small compared with those of the fitted parameters.
-        samples = history.final.solution.problem.dataset.samples
-        if history.final.effects and PREDICTION_ERROR**2 * samples > history.final.discrepancy:
-            progress("fitting once more, simulated more exactly")
-            history = history.with_final(refine(task, history.final))
-        progress("looking at the residual")
-        if history.final.effects:
-            history = history.with_final(restart_from_profiles(task, history.final))
-        left = smooth_residual_model(data, task, history.final)
-        verdict, named, refusal = decide(data, task, history, left)
-        determined, fixed = drop_undetermined(task, named)
-        if {*determined.names} < {*named.names}:  # the others must still explain enough
-            kept = replace(history, fits=history.levels_to(determined)[1:])
-            verdict, determined, _ = decide(data, task, kept, left)
-            refusal = refusal or "the 95 % interval of its strength holds its null"
-        named = determined
-        named, held = hold_undetermined(task, named)
-        history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
-        groups = confusable(task, named, history.steps)
-        is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, left)
-        beyond, implied_effects = shown(data, task, named, conflicts(data, named), is_done=is_done)
-        progress("predicting the test runs")
-        scored = [run for run in data.runs if run.name in data.scored]
-        alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None
-        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *history.levels_to(named))]
-        by_run = of_runs(task, error_ladder[-1])
+        history = _refine_final(task, history)
+        history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
-        found = reach_verdict(
-            model, data, history, left, verdict, error_ladder, groups, beyond, implied_effects, alone, by_run
-        )
-        found = replace(found, refusal=refusal)
-        if verdict == "unknown" and is_better_linear(data, history.calibration, history.final):
-            found = replace(found, remainder=f"{found.remainder}; {LINEAR_IS_BETTER}")
+        diagnosis = diagnosis_of(model, data, history, conclusion)
+        if conclusion.verdict == "unknown" and is_better_linear(data, history.calibration, history.final):
+            diagnosis = replace(diagnosis, remainder=f"{diagnosis.remainder}; {LINEAR_IS_BETTER}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
-    return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
+    return replace(diagnosis, evaluations=evaluations, seconds=perf_counter() - start_time)
+
+
+def _refine_final(task: EstimationTask, history: SelectionHistory) -> SelectionHistory:
+    """Return the history with its last fit simulated more exactly, and restarted where a profile finds a better one."""
+    # Simulation errors matter unless they are small compared with the errors of the fitted parameters.
+    samples = history.final.solution.problem.dataset.samples
+    if history.final.effects and PREDICTION_ERROR**2 * samples > history.final.discrepancy:
+        task.progress("fitting once more, simulated more exactly")
+        history = history.with_final(refine(task, history.final))
+    task.progress("looking at the residual")
+    if history.final.effects:
+        history = history.with_final(restart_from_profiles(task, history.final))
+    return history
+
+
+def _conclude(
+    data: DiagnosisData, task: EstimationTask, history: SelectionHistory, dynamics: AxisDynamics
+) -> tuple[SelectionHistory, Conclusion]:
+    """Return the history with the parameters that the named effects leave undetermined, and the conclusion."""
+    smooth_model = smooth_residual_model(data, task, history.final)
+    verdict, named, refusal = decide(data, task, history, smooth_model)
+    determined, held_for_strength = drop_undetermined(task, named)
+    if {*determined.names} < {*named.names}:  # the remaining effects must still explain enough
+        kept = replace(history, fits=history.levels_to(determined)[1:])
+        verdict, determined, _ = decide(data, task, kept, smooth_model)
+        refusal = refusal or "the 95 % interval of its strength holds its null"
+    named, held = hold_undetermined(task, determined)
+    history = replace(history, undetermined=(*history.undetermined, *held_for_strength, *held))
+    groups = confusable(task, named, history.steps)
+    is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, smooth_model)
+    reported_conflicts, implied_effects = shown(data, task, named, conflicts(data, named), is_done=is_done)
+    task.progress("predicting the test runs")
+    scored = [run for run in data.runs if run.name in data.scored]
+    error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *history.levels_to(named))]
+    return history, Conclusion(
+        verdict=verdict,
+        refusal=refusal,
+        smooth_model=smooth_model,
+        error_ladder=error_ladder,
+        groups=groups,
+        conflicts=reported_conflicts,
+        implied_effects=implied_effects,
+        offset_residual=np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None,
+        by_run=of_runs(task, error_ladder[-1]),
+    )
 
 
 def catalogue(
     data: DiagnosisData, dynamics: AxisDynamics, fit: FittedModel, *, more: Sequence[str] = ()
 ) -> tuple[Candidate, ...]:
-    """Return the effects that are tried."""
+    """Return the effects of the catalogue, and those of the paths `more`, as candidates at a calibrated fit."""
     return candidates(
         dynamics,
         more,
@@ -168,7 +186,7 @@ def catalogue(
     )
 
 
-#: What a remainder is said to look like where nonlinear effects only imitate linear dynamics.
+#: Shape of a remainder if nonlinear effects only imitate linear dynamics.
 LINEAR_IS_BETTER = (
     "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
     "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
@@ -182,14 +200,20 @@ def search(
     effects: Callable[[FittedModel], Sequence[Candidate]],
     preliminary: SelectionHistory | None = None,
 ) -> tuple[EstimationTask, SelectionHistory]:
-    """Calibrate and select effects; return the case as calibrated, and the course of the selection.
+    """Calibrate and select effects; return the calibrated task, and the history of the selection.
 
-    Which effects are tried, and at what values, may follow from the residual of the calibration: `effects` decides.
-    Effects that a search `preliminary` found in a part of the runs are fitted first.
+    Parameters
+    ----------
+    data, task, dynamics
+        The data, the task before calibration, and the model of the axis.
+    effects
+        Returns the candidates at the calibrated fit: trial frequencies follow from its residual.
+    preliminary
+        A search in a part of the runs; its effects are fitted first.
     """
-    begun = calibrate_task(data, task, dynamics, preliminary)
-    task, calibration = begun.task, begun.calibrated
-    every = effects(calibration)
+    calibrated_task = calibrate_task(data, task, dynamics, preliminary)
+    task, calibration = calibrated_task.task, calibrated_task.calibrated
+    candidates_ = effects(calibration)
     steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
     if fits and fits[-1].exceeds_noise:  # the whole runs may have another minimum than a part of them
         fits[-1] = escape(task, fits[-1])
@@ -198,23 +222,28 @@ def search(
         select,
         task,
         calibration,
-        every,
+        candidates_,
         most,
-        expansion_points=begun.origins,
-        vary_step=partial(vary_step, task, candidates=every),
+        expansion_points=calibrated_task.origins,
+        vary_step=partial(vary_step, task, candidates=candidates_),
         vary=partial(vary_by_run, task),
     )
     steps, fits = selecting(confirmed=(steps, fits))
     last = fits[-1] if fits else calibration
-    if not data.runs and (step := add_together(task, last, every, most)) and step.chosen:
+    if not data.runs and (step := add_together(task, last, candidates_, most)) and step.chosen:
         steps, fits = selecting(confirmed=([*steps, step], [*fits, step.chosen.fit]))
     return task, SelectionHistory(
-        begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
+        calibrated_task.nominal,
+        calibration,
+        tuple(fits),
+        tuple(steps),
+        calibrated_task.undetermined,
+        calibrated_task.is_refused,
     )
 
 
 def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], list[FittedModel]]:
-    """Return the steps of a selection in a part of the runs that all of them accept, and the fits after these."""
+    """Return the steps of a selection in a part of the runs that the whole runs confirm, and the fits after them."""
     confirmed, fits = list[Step](), list[FittedModel]()
     for step in steps:
         if step.chosen is None:
@@ -223,8 +252,8 @@ def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> t
         task.progress(f"fitting with {' and '.join((*fit.names, *names))}, the whole runs")
         added = tuple(effect for effect in step.chosen.fit.effects if effect.name in names)
         model = with_values(with_effects(fit.model, added), step.chosen.fit.model)
-        made = fit_model(task, task.fine(model), (*fit.effects, *added))
-        trial = None if made is None else compare(task, fit, made, names, step.chosen.score)
+        extended = fit_model(task, task.fine(model), (*fit.effects, *added))
+        trial = None if extended is None else compare(task, fit, extended, names, step.chosen.score)
         if trial is None or trial.reason:
             break
         fit = trial.fit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,12 +46,14 @@ def decide(
 ) -> tuple[Verdict, FittedModel, str]:
     """Return the verdict, the fit whose effects are named, and why those of the last fit are not; empty if they are.
 
-    Each effect must explain `LARGE` times what remains unexplained after the last one that is named, in mean squares:
-    of a large and certain share one may speak, whatever else the model lacks. If the noise is unknown, nothing remains
-    unexplained of a white residual. In a model that is not adequate neither a linear system nor the smooth functions
-    that describe the remainder must do better in the place of the effects, which would then be an approximation of
-    something else. So is an effect next to which the model's own numbers, such as the gain, end at a limit: it stands
-    for the motion that these no longer explain.
+    Each effect must explain `LARGE` times the mean square that remains unexplained after the last effect that is named.
+    A large and certain share is a finding, whatever else the model lacks. If the noise is unknown, a white residual
+    counts as explained.
+
+    If the model is not adequate, effects may approximate something else. They are then refused in two cases. A linear
+    system, or the smooth functions that describe the remainder, explain more in their place. Or a parameter of the
+    model itself, such as the gain, ends at a limit: the effect then stands for the motion that the model no longer
+    explains.
     """
     every = history.levels
     adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
@@ -76,53 +78,60 @@ def decide(
     return "unknown", history.calibration, refusal
 
 
-def reach_verdict(
-    model: StageModel,
-    data: DiagnosisData,
-    history: SelectionHistory,
-    left: SparseModel,
-    verdict: Verdict,
-    error_ladder: Sequence[FittedModel],
-    groups: tuple[tuple[str, ...], ...],
-    strained: Sequence[Conflict],
-    implied_effects: Sequence[Conflict],
-    alone: Array | None,
-    by_run: Mapping[str, ByRun],
-) -> Diagnosis:
-    """Return the diagnosis.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Conclusion:
+    """The verdict on a selection, and the fits and sets of effects that it rests on.
 
     Parameters
     ----------
-    model, data, history
-        What was diagnosed, and how it went.
-    left
-        What smooth functions explain of the residual of the last fit.
-    verdict, error_ladder
-        The verdict; and the fits from the model as designed and as calibrated to the last whose effects are named.
+    verdict, refusal
+        The verdict; and why effects of the last fit are not named, empty if all are.
+    smooth_model
+        Smooth functions that explain most of the residual of the last fit.
+    error_ladder
+        The fits from the model as designed and as calibrated to the last whose effects are named.
     groups
-        Effects that the runs do not distinguish; one of each is among the identified ones.
-    strained, implied_effects
+        Effects that the runs do not distinguish; one of each group is named.
+    conflicts, implied_effects
         Parameters that moved beyond their prior, and those among them that represent an effect.
-    alone
-        Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
+    offset_residual
+        Residual of the runs that errors are stated of, if only their offsets are fitted [response]; None without runs.
     by_run
-        Numbers of the effects that are named which differ from run to run, by their names.
+        Strengths of named effects that differ from run to run, by name.
     """
+
+    verdict: Verdict
+    refusal: str
+    smooth_model: SparseModel
+    error_ladder: Sequence[FittedModel]
+    groups: tuple[tuple[str, ...], ...]
+    conflicts: Sequence[Conflict]
+    implied_effects: Sequence[Conflict]
+    offset_residual: Array | None
+    by_run: Mapping[str, ByRun]
+
+
+def diagnosis_of(
+    model: StageModel, data: DiagnosisData, history: SelectionHistory, conclusion: Conclusion
+) -> Diagnosis:
+    """Return the diagnosis that states a conclusion, with intervals, shares and the model that was found."""
+    error_ladder, implied_effects = conclusion.error_ladder, conclusion.implied_effects
     final, (nominal, calibration, *_) = error_ladder[-1], error_ladder
-    is_noise = is_adequate(data, history.final, left)
-    doubt = "" if is_noise else describe(data, remainder(data, history.final), left)
+    is_noise = is_adequate(data, history.final, conclusion.smooth_model)
+    shape = "" if is_noise else describe(data, remainder(data, history.final), conclusion.smooth_model)
     if is_noise and not {*history.final.names} <= {*final.names}:
-        is_noise, doubt = False, describe_size(data, remainder(data, final))  # effects that are not named explain it
+        is_noise, shape = False, describe_size(data, remainder(data, final))  # effects that are not named explain it
     unexplained = max(data.test_error(final) ** 2 - data.known_test_noise_rms**2, 0.0)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
-    rungs = _error_steps(data, error_ladder)
-    if alone is not None:  # shows what the initial conditions of the runs explain
-        rungs = (ErrorStep("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))), *rungs)
+    steps = _error_steps(data, error_ladder)
+    if conclusion.offset_residual is not None:  # shows what the initial conditions of the runs explain
+        offset_rms = float(np.sqrt(np.nanmean(conclusion.offset_residual**2)))
+        steps = (ErrorStep("as designed, offsets alone", offset_rms), *steps)
     effects = tuple(
-        with_runs(_identified_effects(data, error_ladder[1:], name, values), by_run) for name in final.names
+        with_runs(_identified_effect(data, error_ladder[1:], name, values), conclusion.by_run) for name in final.names
     )
+    groups = conclusion.groups
     if implied_effects:
-        verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied_effects if conflict.named))
         groups = (*groups, *(conflict.group for conflict in implied_effects if len(conflict.group) > 1))
     unnamed = {
@@ -131,7 +140,7 @@ def reach_verdict(
         if name not in final.names
     }
     return Diagnosis(
-        verdict=verdict,
+        verdict="effects-found" if implied_effects else conclusion.verdict,
         axis=data.name,
         before=model,
         model=model_of(model, data, final, values, implied_effects),
@@ -139,14 +148,14 @@ def reach_verdict(
         confusable=groups,
         possible_effects={name: share for name, share in unnamed.items() if share > 0},
         candidates=_candidate_records(history.steps),
-        error_ladder=rungs,
+        error_ladder=steps,
         calibration=tuple(values[name] for name in own_numbers(final)),
-        conflicts=tuple(conflict.words for conflict in strained),
+        conflicts=tuple(conflict.words for conflict in conclusion.conflicts),
         noise=data.noise,
         noise_floor=data.noise_rms,
         validation_error=data.test_error(final),
-        sparse_model=left,
-        remainder=doubt,
+        sparse_model=conclusion.smooth_model,
+        remainder=shape,
         remainder_rms=0.0 if is_noise else math.sqrt(unexplained),
         stroke=data.stroke,
         tolerance=data.tolerance,
@@ -156,6 +165,7 @@ def reach_verdict(
         confidence=_confidence(data, history, nominal, calibration, final),
         responses=data.responses,
         lines=data.lines,
+        refusal=conclusion.refusal,
     )
 
 
@@ -166,7 +176,7 @@ def _confidence(
     calibration: FittedModel,
     final: FittedModel,
 ) -> str:
-    """Return what weakens the verdict, in words; the fits with the residuals of test runs."""
+    """Return what weakens the verdict, in words; the fits have the residuals of the test runs."""
     residuals = history.nominal.residuals_by_run
     doubt = reversal_doubt(data.runs, residuals) or reversal_doubt_of_lines(data.responses, residuals)
     remarks = [doubt] if doubt else []
@@ -203,15 +213,15 @@ def _in_words(names: Sequence[str]) -> str:
 
 
 def _own_ends(fit: FittedModel) -> list[str]:
-    """Return the model's own numbers that the fit moved to an end of their plausible range."""
+    """Return the parameters of the model itself that the fit moved to an end of their plausible range."""
     own = own_numbers(fit)
     return [name for name in fit.ends() if name in own]
 
 
 def _limits(fit: FittedModel) -> list[str]:
-    """Return the model's own numbers at an end that says that its structure is wrong.
+    """Return the parameters of the model itself that end at a limit, without the upper one of the natural frequency.
 
-    The highest natural frequency says that the runs show no mode.
+    There the runs show no mode; at any other limit the structure of the model is wrong.
     """
     where, ends = fit.solution.problem.where, _own_ends(fit)
     if "natural_frequency" in ends:
@@ -221,7 +231,7 @@ def _limits(fit: FittedModel) -> list[str]:
     return ends
 
 
-def _identified_effects(
+def _identified_effect(
     data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, values: Mapping[str, Value]
 ) -> IdentifiedEffect:
     final = error_ladder[-1]
@@ -229,7 +239,7 @@ def _identified_effects(
     shares = [_share(data, error_ladder, name, data.scored, data.known_test_noise_rms)]
     if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
         noise_floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
-        shares.append(_share(data, error_ladder, name, scored, noise_floor))  # what runs do not show a response may
+        shares.append(_share(data, error_ladder, name, scored, noise_floor))  # responses may show what runs do not
     return IdentifiedEffect(name, tuple(values[number] for number in effect.free), max(shares))
 
 
@@ -244,24 +254,26 @@ def _share(
 
 
 def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
-    """Return the fitted numbers that belong to no run, with their 95 % intervals by the profile likelihood, by name.
+    """Return the parameters that belong to no run, with their 95 % intervals by the profile likelihood, by name.
 
     The intervals of strengths are those by which effects were kept.
 
     Parameters
     ----------
-    fit, is_fitted
-        The fit, and whether its numbers are fitted: then a better point that a profile meets on its way gives the
-        values, too. Those of the design stay.
+    fit
+        The fit.
+    is_fitted
+        Whether its parameters are fitted. If they are, a better point that a profile meets gives the values; values of
+        the design stay.
     """
     where = fit.solution.problem.where
     present = where.values(fit.solution.x)
     names, strengths = [p.name for p in where.parameters if not p.run], {effect.strength for effect in fit.effects}
     alone = (intervals(fit.solution, [name])[0] for name in names if name in strengths)
     together = intervals(fit.solution, [name for name in names if name not in strengths])
-    found = sorted((*alone, *together), key=lambda e: names.index(e.name))
-    values = {e.name: e.value if is_fitted and e.value is not None else present[e.name] for e in found}
-    return {e.name: Value(e.parameter, values[e.name], e.interval or e.parameter.plausible) for e in found}
+    estimates = sorted((*alone, *together), key=lambda e: names.index(e.name))
+    values = {e.name: e.value if is_fitted and e.value is not None else present[e.name] for e in estimates}
+    return {e.name: Value(e.parameter, values[e.name], e.interval or e.parameter.plausible) for e in estimates}
 
 
 def own_numbers(fit: FittedModel) -> list[str]:
@@ -271,15 +283,15 @@ def own_numbers(fit: FittedModel) -> list[str]:
 
 
 def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
-    found = []
+    records = []
     for step in steps:
         for trial in step.trials:
             present = trial.fit.names[: len(trial.fit.names) - len(trial.names)]
             is_added = step.chosen is not None and trial.names == step.chosen.names
             outcome = "added" if is_added else trial.reason or _not_chosen(step, trial)
             evidence = trial.gain / trial.critical_gain if trial.critical_gain else 0.0
-            found.append(CandidateRecord(trial.names, present, trial.error, trial.share, evidence, outcome))
-    return tuple(found)
+            records.append(CandidateRecord(trial.names, present, trial.error, trial.share, evidence, outcome))
+    return tuple(records)
 
 
 def _not_chosen(step: Step, trial: Trial) -> str:
@@ -289,7 +301,7 @@ def _not_chosen(step: Step, trial: Trial) -> str:
 
 def _error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
     nominal, calibration, *added = error_ladder
-    rungs = [
+    steps = [
         ErrorStep("as designed", data.test_error(nominal)),
         ErrorStep("recalibrated", data.test_error(calibration)),
     ]
@@ -297,9 +309,9 @@ def _error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tu
     for fit in added:
         label = [f"+ {name}" for name in fit.names if name not in before]
         label += [f"- {name}" for name in before if name not in fit.names]
-        rungs.append(ErrorStep(" ".join(label), data.test_error(fit)))
+        steps.append(ErrorStep(" ".join(label), data.test_error(fit)))
         before = fit.names
-    return tuple(rungs)
+    return tuple(steps)
 
 
 def model_of(
@@ -309,14 +321,14 @@ def model_of(
     values: Mapping[str, Value],
     implied_effects: Sequence[Conflict] = (),
 ) -> StageModel:
-    """Return the stage model with what was fitted, and with the effects implied by parameters that moved too far.
+    """Return the stage model with the fitted values, and with the effects implied by parameters beyond their prior.
 
     Parameters
     ----------
     model, data, fit
-        The stage model as it was, what was diagnosed, and the fit.
+        The stage model as it was, the data, and the fit.
     values
-        Numbers of the fit that are stated.
+        Parameters of the fit that are stated.
     implied_effects
         Parameters that moved beyond their prior and represent an effect.
     """
@@ -324,8 +336,8 @@ def model_of(
     for conflict in implied_effects:
         dynamics = conflict.written(dynamics)
     axis = dynamics.axis
-    rested = data.axis.effects.get("bouc_wen", {}).get("rest")
-    if rested:  # where a stage rests in simulations is not for records to say, each of which begins elsewhere
-        axis = replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": rested}})
+    rest = data.axis.effects.get("bouc_wen", {}).get("rest")
+    if rest:  # the rest position of simulations stays: runs do not determine it, as each has its own initial state
+        axis = replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": rest}})
     axes = {**model.axes, data.name: axis}
     return replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay))
