@@ -27,10 +27,11 @@ from flexdesign.diagnosis import verdict as judgement
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
+from flexdesign.diagnosis.models_without_physics import BasisFunctions
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import add_rounding
-from flexdesign.diagnosis.remainder import BasisFunctions, is_adequate, remainder
+from flexdesign.diagnosis.remainder import is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory, Value
 from flexdesign.diagnosis.verdict import LARGE, Conclusion, decide, diagnosis_of
 from flexdesign.dynamics.axis.axis_model import AxisDynamics

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import StateSpace, lsim
 
-from flexdesign.diagnosis import diagnose, remainder
+from flexdesign.diagnosis import diagnose, models_without_physics
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import calibrate_task, case_of
 from flexdesign.diagnosis.preparation.dataset import prepare
@@ -59,14 +59,14 @@ def test_the_mode_responds_as_by_scipy() -> None:
     """Held forces by the discrete system; a slow force, nearly straight between samples, by `lsim`."""
     force = command(4)
     for found, expected in zip(
-        remainder.mode_response(force, FREQUENCY, DAMPING_RATIO, PERIOD),
+        models_without_physics.mode_response(force, FREQUENCY, DAMPING_RATIO, PERIOD),
         responses(force - force[0]),
         strict=True,
     ):
         assert found == pytest.approx(expected, abs=1e-9)
     time = 1e-4 * np.arange(2000)
     slow, w = np.sin(2 * math.pi * 3 * time), 2 * math.pi * FREQUENCY
-    position, _ = remainder.mode_response(slow, FREQUENCY, DAMPING_RATIO, 1e-4)
+    position, _ = models_without_physics.mode_response(slow, FREQUENCY, DAMPING_RATIO, 1e-4)
     _, expected, _ = lsim(([w**2], [1.0, 2 * DAMPING_RATIO * w, w**2]), slow, time)
     assert position == pytest.approx(expected, abs=0.01)
 
@@ -76,7 +76,7 @@ def test_the_linear_system_leaves_the_noise() -> None:
     model = AxisDynamics("x", AxisModel(FREQUENCY, DAMPING_RATIO, GAIN), max_command=1.0)
     runs = [run("one", "identify", 1), run("two", "identify", 2)]
     dataset = Dataset(runs, White(NOISE), lambda observation: (np.ones((SAMPLES, 1)), np.array([math.inf])))
-    chi2 = remainder._chi2(dataset, model, 1.2 * FREQUENCY, 0.1)
+    chi2 = models_without_physics._chi2(dataset, model, 1.2 * FREQUENCY, 0.1)
     assert chi2 == pytest.approx(2 * SAMPLES, abs=4 * math.sqrt(4 * SAMPLES))
 
 
@@ -105,7 +105,7 @@ def test_hysteresis_must_leave_less_than_a_linear_system(record: Callable[..., R
     begun = calibrate_task(data, task, dynamics)
     (hysteresis,) = (c for c in candidates(dynamics) if c.name == "bouc_wen")
     fit = fit_candidate(begun.task, begun.calibrated, hysteresis)
-    assert remainder.is_better_linear(data, begun.calibrated, fit) is is_better
+    assert models_without_physics.is_better_linear(data, begun.calibrated, fit) is is_better
 
 
 def test_nothing_is_named_in_the_reading_of_an_acceleration() -> None:
@@ -116,7 +116,7 @@ def test_nothing_is_named_in_the_reading_of_an_acceleration() -> None:
 def test_linear_effects_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     from types import SimpleNamespace
 
-    monkeypatch.setattr(remainder, "_chi2", lambda *_: 0.0)
+    monkeypatch.setattr(models_without_physics, "_chi2", lambda *_: 0.0)
     axis = SimpleNamespace(natural_frequency=1.0, damping_ratio=0.1)
     data = SimpleNamespace(runs=(1,), responses=(), axis=axis)
     base = SimpleNamespace(model=SimpleNamespace(axis=axis))
@@ -124,8 +124,8 @@ def test_linear_effects_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> Non
     def better(*names: str, **more: object) -> bool:
         solution = SimpleNamespace(problem=SimpleNamespace(dataset=None))
         fit = SimpleNamespace(names=names, fitted_chi2=1.0, solution=solution)
-        return remainder.is_better_linear(
-            cast(remainder.DiagnosisData, SimpleNamespace(**{**vars(data), **more})), base, fit
+        return models_without_physics.is_better_linear(
+            cast(models_without_physics.DiagnosisData, SimpleNamespace(**{**vars(data), **more})), base, fit
         )  # type: ignore[arg-type]
 
     assert better("creep", "coulomb_friction") and not better("creep", "second_mode")

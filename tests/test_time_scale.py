@@ -10,7 +10,7 @@ import pytest
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import diagnose
 from flexdesign.diagnosis.effect_selection.candidates import candidates
-from flexdesign.diagnosis.remainder import mode_response
+from flexdesign.diagnosis.models_without_physics import mode_response
 from flexdesign.dynamics.axis import axis_parameters
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel

@@ -25,11 +25,12 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 )
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
+from flexdesign.diagnosis.models_without_physics import is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, truncate
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.oversampling import oversampling_of
-from flexdesign.diagnosis.remainder import is_adequate, is_better_linear, smooth_residual_model
+from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
 from flexdesign.dynamics.axis.axis_model import AxisDynamics

@@ -13,12 +13,12 @@ from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
+from flexdesign.diagnosis.models_without_physics import is_better_without_physics
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.remainder import (
     describe,
     describe_size,
     is_adequate,
-    is_better_without_physics,
     remainder,
     unexplained_rms,
 )

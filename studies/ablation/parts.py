@@ -102,8 +102,18 @@ PARTS: tuple[Part, ...] = (
         lambda _, accepted: next(iter(accepted), None),
     ),
     Part(f"{_SELECTION}.model_comparison", "_trace", "asks that a sinusoid shows by its line", lambda *_: math.inf),
-    Part("flexdesign.diagnosis.remainder", "is_better_smooth", "compares effects with smooth functions", _false),
-    Part("flexdesign.diagnosis.remainder", "is_better_linear", "compares effects with a linear system", _false),
+    Part(
+        "flexdesign.diagnosis.models_without_physics",
+        "is_better_smooth",
+        "compares effects with smooth functions",
+        _false,
+    ),
+    Part(
+        "flexdesign.diagnosis.models_without_physics",
+        "is_better_linear",
+        "compares effects with a linear system",
+        _false,
+    ),
     Part(
         f"{_SELECTION}.sparse_residual_model",
         "sparse_model",

@@ -144,14 +144,14 @@ class DiagnosisData:
         return [*self.of(role), *(each for each in self.responses if each.role == role)]
 
     @property
-    def taught(self) -> Sequence[FrequencyResponse]:
+    def fitted_responses(self) -> Sequence[FrequencyResponse]:
         """The frequency responses that are fitted, or all if none is."""
         return [each for each in self.responses if each.role == "identify"] or self.responses
 
     @property
     def band(self) -> tuple[float, float]:
-        """Their lowest and highest frequency [Hz]."""
-        ends = [(float(each.frequencies[0]), float(each.frequencies[-1])) for each in self.taught]
+        """Lowest and highest frequency of the fitted frequency responses [Hz]."""
+        ends = [(float(each.frequencies[0]), float(each.frequencies[-1])) for each in self.fitted_responses]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     @property

@@ -1,0 +1,248 @@
+"""Models without physics in the place of effects: a linear system, and sums of smooth functions.
+
+*Linear system.* A model may lack linear dynamics that no effect of the catalogue describes: a sensor of velocity or
+acceleration, or a part that responds at once. Hysteresis then imitates their phase. The reading of the linear system is
+a linear combination of the command, and of the position and the velocity of a mode whose frequency and damping are free
+(output-error model with three numerator and two denominator coefficients: Ljung, System Identification, 1999, section
+4.2). The coefficients are linear and are eliminated (variable projection: Golub and Pereyra 1973).
+
+*Smooth functions* depend on position, velocity, voltage and time; for frequency responses, on frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.core import units
+from flexdesign.core.arrays import Array
+from flexdesign.core.model import Observation
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.signal_chain import exact_step
+from flexdesign.estimation.criterion import BETTER
+from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.sparse_residual_model import (
+    SparseModel,
+    cost_of_terms,
+    sparse_model,
+    without_columns,
+)
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.measurements.recordings.frequency_response import parts, whole
+
+#: Damping ratios of the linear system, and the factor by which its frequency may differ from the starting point.
+DAMPING_RATIOS, LARGEST_FREQUENCY_FACTOR = (1e-3, 3.0), 20.0
+#: Unit of velocity, as a share of stroke times natural frequency; the sign of velocity turns at a tenth of it.
+VELOCITY_SCALE = 0.1
+#: Thresholds of hinge functions, as shares of the stroke.
+THRESHOLDS = (0.15, 0.3, 0.5, 0.7, 0.85)
+#: Numbers of Gaussian basis functions over the band of frequency responses; lines for each at least; and their standard
+#: deviation, as a share of the distance to the next.
+GAUSSIAN_COUNTS, FEWEST_LINES, GAUSSIAN_WIDTH = (6, 12, 24, 48), 4, 0.6
+
+
+# --- linear system --------------------------------------------------------------------------------------------------
+
+
+def is_better_linear(data: DiagnosisData, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether chi^2 of the best linear system is no larger than that of a fit with nonlinear effects."""
+    if not data.runs or data.responses or all(effects.find(name).is_linear for name in fit.names):
+        return False
+    model, axis = cast(AxisDynamics, base.model), data.axis
+    starts = [(each.natural_frequency, each.damping_ratio) for each in (model.axis, axis)]
+    dataset = fit.solution.problem.dataset
+    return min(_chi2(dataset, model, *start) for start in starts) <= fit.fitted_chi2
+
+
+def _chi2(dataset: Dataset, model: AxisDynamics, frequency: float, damping_ratio: float) -> float:
+    """Return chi^2 of the linear system that fits a data set best, from a starting frequency and damping ratio."""
+    from scipy.optimize import least_squares
+
+    measured = np.concatenate([dataset.whitened(record, record.measured) for record in dataset.records])
+
+    def residual(logarithms: Array) -> Array:
+        columns = [
+            dataset.whitened_columns(record, _columns(model, cast(Run, record.observation), *np.exp(logarithms)))
+            for record in dataset.records
+        ]
+        return without_columns(measured, np.vstack(columns))
+
+    start = np.log([frequency, np.clip(damping_ratio, 1.01 * DAMPING_RATIOS[0], 0.99 * DAMPING_RATIOS[1])])
+    far = math.log(LARGEST_FREQUENCY_FACTOR)
+    bounds = np.array([[start[0] - far, math.log(DAMPING_RATIOS[0])], [start[0] + far, math.log(DAMPING_RATIOS[1])]])
+    return float(2 * least_squares(residual, start, bounds=bounds, diff_step=1e-3, max_nfev=40).cost)
+
+
+def _columns(model: AxisDynamics, run: Run, frequency: float, damping_ratio: float) -> Array:
+    """Return the command, and position and velocity of the mode that it drives from rest: n by 3."""
+    command = model.command(run)
+    return np.column_stack([command - command[0], *mode_response(command, frequency, damping_ratio, run.period)])
+
+
+def mode_response(force: Array, frequency: float, damping_ratio: float, period: float) -> tuple[Array, Array]:
+    """Return position, and velocity over 2 pi times the frequency, of a mode from rest under a held force.
+
+    Parameters
+    ----------
+    force
+        Over the stiffness, n values; its change from the first one acts.
+    frequency, damping_ratio
+        Of the mode [Hz, 1].
+    period
+        Of the samples [s].
+    """
+    from scipy.signal import lfilter
+
+    w = 2 * math.pi * frequency
+    a = w * np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]])
+    passage = exact_step.step(a, w * np.array([0.0, 1.0]), period)
+    f, g = passage.transition, passage.weights.sum(axis=1)
+    # Each state of x' = F x + g u as a difference equation.
+    denominator = [1.0, -np.trace(f), np.linalg.det(f)]
+    numerators = ([0.0, g[0], f[0, 1] * g[1] - f[1, 1] * g[0]], [0.0, g[1], f[1, 0] * g[0] - f[0, 0] * g[1]])
+    position, velocity = (np.asarray(lfilter(above, denominator, force - force[0])) for above in numerators)
+    return position, velocity
+
+
+# --- smooth functions ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class BasisFunctions:
+    """Smooth functions that may add to the reading of an axis, or to the force on its table.
+
+    Parameters
+    ----------
+    model
+        The axis.
+    band
+        Lowest and highest frequency of all frequency responses [Hz], and the number of their lines; None without
+        frequency responses. With a band there are also Gaussian functions of the logarithm of frequency, which multiply
+        a response.
+    is_time_domain
+        Whether there are runs in time.
+    """
+
+    model: AxisDynamics
+    band: tuple[float, float, int] | None = None
+    is_time_domain: bool = True
+
+    def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
+        """Return the functions by name, n values of size one each; zero for the other kind of observation."""
+        if isinstance(observation, FrequencyResponse):
+            functions = self._of_frequency(observation, predicted)
+        else:
+            functions = self._in_time(observation, predicted)
+        if self.band is None:
+            return functions
+        return {name: functions.get(name, np.zeros(len(predicted))) for name in self._names}
+
+    @cached_property
+    def _names(self) -> list[str]:
+        """Names of all functions, those in time first."""
+        names = list(self._of_frequency(None, np.zeros(0))) if self.band else []
+        if not self.is_time_domain:
+            return names
+        t = self.model.first.natural_frequency**-1 * np.arange(4.0)
+        blank = Run("blank", t, {"u": np.zeros(4), self.model.name: np.zeros(4)}, {"u": "V"})
+        return [*self._in_time(blank, np.zeros(4)), *names]
+
+    def _of_frequency(self, response: FrequencyResponse | None, predicted: Array) -> dict[str, Array]:
+        """Return Gaussians of the logarithm of frequency times the response, in phase with it and 90 degrees ahead.
+
+        Without a response only the names count.
+        """
+        assert self.band is not None
+        low, high, lines = self.band
+        functions = dict[str, Array]()
+        for count in (n for n in GAUSSIAN_COUNTS if n <= max(lines // FEWEST_LINES, GAUSSIAN_COUNTS[0])):
+            centres = np.geomspace(low, high, count)
+            for centre in centres.tolist():
+                place = f"near {units.hertz(centre, 3)}, 1/{count} of the band"
+                if response is None:
+                    functions |= {f"magnitude {place}": predicted, f"phase {place}": predicted}
+                    continue
+                width = math.log(high / low) / (count - 1)
+                gaussian = np.exp(-0.5 * (np.log(response.frequencies / centre) / (GAUSSIAN_WIDTH * width)) ** 2)
+                functions[f"magnitude {place}"] = parts(gaussian * whole(predicted))
+                functions[f"phase {place}"] = parts(1j * gaussian * whole(predicted))
+        return functions
+
+    def _in_time(self, observation: Observation, predicted: Array) -> dict[str, Array]:
+        assert isinstance(observation, Run)
+        functions = self._functions(observation, predicted)
+        forces = {f"force: {name}": self._response(values, observation.period) for name, values in functions.items()}
+        readings = {f"reading: {name}": values for name, values in functions.items()}
+        return {**readings, **forces, **self._of_time(observation)}
+
+    def _functions(self, run: Run, predicted: Array) -> dict[str, Array]:
+        """Return the functions of position x, velocity v and voltage u, each scaled to one."""
+        x = predicted / self.model.stroke
+        fast = 2 * math.pi * self.model.axis.natural_frequency * VELOCITY_SCALE
+        v = np.gradient(x, run.period) / fast
+        u = self.model.command(run) / self.model.max_command
+        powers = {f"position^{k}": x**k for k in (2, 3, 4)}
+        hinges = {f"position beyond {100 * h:.0f} %": np.maximum(x - h, 0.0) for h in THRESHOLDS}
+        moving = {"velocity": v, "velocity^2": v**2, "velocity |velocity|": v * np.abs(v), "velocity^3": v**3}
+        dry = {"sign of velocity": np.tanh(10 * v), "position x velocity": x * v, "position^2 x velocity": x**2 * v}
+        of_voltage = {f"voltage^{k}": u**k for k in (1, 2, 3)} | {"voltage x position": u * x}
+        return {**powers, **hinges, **moving, **dry, **of_voltage}
+
+    def _of_time(self, run: Run) -> dict[str, Array]:
+        """Return the functions of time, and of time since the last step of the command."""
+        command = self.model.command(run)
+        jumps = np.abs(np.diff(command, prepend=command[0])) > 0.02 * self.model.max_command
+        last = np.maximum.accumulate(np.where(jumps, np.arange(len(command)), 0))
+        since = (np.arange(len(command)) - last) * run.period
+        return {
+            "reading: log of time since a step": np.log10(1 + since / 0.01),
+            "reading: time": run.time - run.time[0],
+        }
+
+    def _response(self, force: Array, period: float) -> Array:
+        """Return the position of the main mode under a force over the stiffness, held between samples."""
+        axis = self.model.axis
+        return mode_response(force, axis.natural_frequency, axis.damping_ratio, period)[0]
+
+
+def basis_functions_of(data: DiagnosisData, fit: FittedModel) -> BasisFunctions:
+    """Return the smooth functions for the recordings of a diagnosis: in time, over frequency, or both."""
+    lines = [int(each.present.sum()) for each in data.fitted_responses]
+    band = (*data.band, max(lines)) if lines else None
+    return BasisFunctions(cast(AxisDynamics, fit.model), band, bool(data.runs))
+
+
+# --- comparison -----------------------------------------------------------------------------------------------------
+
+
+def smooth_residual_model(data: DiagnosisData, task: EstimationTask, fit: FittedModel) -> SparseModel:
+    """Return the smooth functions that explain most of the residual of a fit."""
+    # A later fit may have more initial conditions than the task.
+    task = replace(task.prepared(task, fit.model), identify=fit.solution.problem.dataset)
+    return sparse_model(task, fit, basis_functions_of(data, fit))
+
+
+def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether a linear system or smooth functions explain more in place of the effects of a fit."""
+    return is_better_linear(data, base, fit) or is_better_smooth(data, task, base, fit)
+
+
+def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether smooth functions explain more in place of the effects of a fit.
+
+    The functions are those that explain most of its residual.
+    """
+    terms = smooth_residual_model(data, task, fit).terms
+    if not terms:
+        return False
+    alone = cost_of_terms(task, base, basis_functions_of(data, base), terms)
+    samples = base.solution.problem.dataset.samples
+    return alone - samples < BETTER * (fit.fitted_chi2 - samples)
