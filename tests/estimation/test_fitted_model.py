@@ -11,7 +11,7 @@ import pytest
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, linearise
-from flexdesign.estimation.model_selection import fitted_model as stands
+from flexdesign.estimation.model_selection import fitted_model, prediction_change
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (
     HELD,
@@ -69,11 +69,11 @@ def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
         parameter("later:own", 0.0, -10.0, 10.0, run="later"),
     )
     with_test = dataclasses.replace(about, test=Dataset(unseen, White(SIGMA), offset))
-    plain, fit = (stands.fit_model(each, model) for each in (about, with_test))
+    plain, fit = (fitted_model.fit_model(each, model) for each in (about, with_test))
     assert plain is not None and fit is not None and "later" not in fit.residuals_by_run
     assert (fit.cost, fit.validation_chi2) == (plain.cost, plain.validation_chi2)
-    assert stands.predict_tests(about, plain) is plain
-    last = stands.predict_tests(with_test, fit)
+    assert fitted_model.predict_tests(about, plain) is plain
+    last = fitted_model.predict_tests(with_test, fit)
     assert set(last.residuals_by_run) == {*NAMES, *HELD, "later"}
     assert (last.cost, last.validation_chi2, last.effects) == (fit.cost, fit.validation_chi2, fit.effects)
     for name in (*NAMES, *HELD):
@@ -100,15 +100,15 @@ def test_a_model_takes_the_values_of_another_one() -> None:
     """Of numbers that both have and that have a value there; but for some."""
     model = base("p", "q", "r").replace({"p": 1.0, "q": 2.0, "r": 3.0})
     source = base("q", "r", "s", start=7.0).plus(lambda v, run: np.zeros(N), parameter("p", None, -9.0, 9.0))
-    found, but = stands.with_values(model, source), stands.with_values(model, source, {"q"})
+    found, but = fitted_model.with_values(model, source), fitted_model.with_values(model, source, {"q"})
     assert {p.name: p.start for p in found.parameters()} == {"p": 1.0, "q": 7.0, "r": 7.0}
     assert {p.name: p.start for p in but.parameters()} == {"p": 1.0, "q": 2.0, "r": 7.0}
 
 
 def test_effects_are_added_at_the_values_of_the_catalogue() -> None:
-    found = stands.with_effects(stage(), effects()[:2])
+    found = fitted_model.with_effects(stage(), effects()[:2])
     assert {p.name for p in found.parameters()} - {p.name for p in stage().parameters()} == {"a", "b"}
-    assert stands.with_effects(found, ()) is found
+    assert fitted_model.with_effects(found, ()) is found
 
 
 def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> None:
@@ -121,7 +121,7 @@ def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> 
         asked.append([p.name for p in model.parameters()])  # type: ignore[attr-defined]
         return stage().replace({"p": -9.0, "q": 9.0})
 
-    again = stands.refit(dataclasses.replace(about, bare=bare), fit, fit.effects[1:])  # type: ignore[arg-type]
+    again = fitted_model.refit(dataclasses.replace(about, bare=bare), fit, fit.effects[1:])  # type: ignore[arg-type]
     assert again is not None and again.names == ("c",)
     assert asked == [[p.name for p in fit.model.parameters()]]
     assert {p.name for p in again.model.parameters()} == {p.name for p in fit.model.parameters()} - {"b"}
@@ -138,14 +138,16 @@ def test_a_last_fit_is_made_with_the_finest_model() -> None:
     fine = stage()
     coarse = fine.plus(lambda v, run: 0.01 * column(run, "p"), strength("none"))
     about = task({})
-    fit = stands.fit_model(about, coarse)
+    fit = fitted_model.fit_model(about, coarse)
     assert fit is not None
-    last = stands.refine(dataclasses.replace(about, finest=lambda model: stands.with_values(fine, model)), fit)
+    last = fitted_model.refine(
+        dataclasses.replace(about, finest=lambda model: fitted_model.with_values(fine, model)), fit
+    )
     values, before = (each.solution.problem.where.values(each.solution.x) for each in (last, fit))
     assert values["p"] - before["p"] == pytest.approx(0.01, rel=0.02)
     assert last.cost == pytest.approx(fit.cost, abs=1e-3)
     failing = fine.plus(lambda v, run: np.full(N, np.nan), strength("none"))
-    assert stands.refine(dataclasses.replace(about, finest=lambda _: failing), fit) is fit
+    assert fitted_model.refine(dataclasses.replace(about, finest=lambda _: failing), fit) is fit
 
 
 # --- the residual ---------------------------------------------------------------------------------------------------
@@ -188,12 +190,14 @@ def test_two_models_differ_by_what_no_offset_takes_away() -> None:
     there = model.replace({"p": 0.3, "offset": 5.0, "kept:late": 1.0})
     parts = [0.3 * (column(record.observation, "p")) for record in about.validate.records]
     spread = math.sqrt(np.mean([np.var(part) for part in parts]))
-    assert stands.difference(about.validate, model, there, {}) == pytest.approx(spread, rel=1e-9)
+    assert prediction_change.difference(about.validate, model, there, {}) == pytest.approx(spread, rel=1e-9)
     weights = {"apart": np.full(N, 10.0)}
     weighted = 10.0 * math.sqrt(np.mean((parts[1] + 5.0) ** 2))
-    assert stands.difference(about.validate, model, there, weights) == pytest.approx(weighted, rel=1e-9)
+    assert prediction_change.difference(about.validate, model, there, weights) == pytest.approx(weighted, rel=1e-9)
     weights = {"apart": np.full(N, 1e-3)}
-    assert stands.difference(about.validate, model, there, weights) == pytest.approx(np.std(parts[0]), rel=1e-9)
+    assert prediction_change.difference(about.validate, model, there, weights) == pytest.approx(
+        np.std(parts[0]), rel=1e-9
+    )
 
 
 def test_an_effect_at_its_null_does_nothing_in_any_run() -> None:
@@ -202,7 +206,7 @@ def test_an_effect_at_its_null_does_nothing_in_any_run() -> None:
         lambda v, run: v.get(f"{run.name}:d", 0.0) * column(run, "d"),
         parameter("one:d", 0.4, -9.0, 9.0, run="one"),
     )
-    there = stands.without_effect(model.replace({"d": 0.3, "p": 2.0}), effect)
+    there = prediction_change.without_effect(model.replace({"d": 0.3, "p": 2.0}), effect)
     assert {p.name: p.start for p in there.parameters() if p.name in ("d", "one:d", "p")} == {
         "d": 0.0,
         "one:d": 0.0,

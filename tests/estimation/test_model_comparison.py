@@ -18,7 +18,7 @@ from flexdesign.estimation.criterion import LEVEL, SHARE, explained_share, large
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import difference, fit_model
+from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT, forward
 from flexdesign.estimation.model_selection.model_comparison import (
     Step,
@@ -28,6 +28,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     is_determined,
     rank,
 )
+from flexdesign.estimation.model_selection.prediction_change import difference
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (

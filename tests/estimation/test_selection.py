@@ -17,7 +17,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.model_selection import fitted_model, forward_selection, stepwise_selection
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model, with_effects
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.forward_selection import (
     FINAL_FITS,
     GROSS_MISFIT,
@@ -28,6 +28,7 @@ from flexdesign.estimation.model_selection.forward_selection import (
     screen,
 )
 from flexdesign.estimation.model_selection.model_comparison import Step, bic_lead, compare
+from flexdesign.estimation.model_selection.prediction_change import difference
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
     LARGEST_GROUP,

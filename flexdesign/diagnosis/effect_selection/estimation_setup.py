@@ -37,7 +37,6 @@ from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    difference,
     evaluate_fit,
     fit_initial_states,
     fit_model,
@@ -45,6 +44,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_values,
 )
 from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT
+from flexdesign.estimation.model_selection.prediction_change import difference
 from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import Run

@@ -15,10 +15,10 @@ from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     evaluate_fit,
     fit_model,
-    largest_difference,
     refit,
     with_effects,
 )
+from flexdesign.estimation.model_selection.prediction_change import largest_difference
 from flexdesign.estimation.uncertainty.identifiability import Estimate, better_fit, intervals
 
 

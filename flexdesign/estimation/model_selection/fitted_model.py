@@ -15,7 +15,6 @@ from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermine
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.multistart import grid_initial_states
-from flexdesign.estimation.least_squares.parameter_transforms import null_of
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
@@ -327,50 +326,3 @@ def with_values(model: Model, source: Model, but: Collection[str] = ()) -> Model
     """Return a model at the values of another one that has its numbers, but for some."""
     values = {parameter.name: parameter.start for parameter in source.parameters() if parameter.name not in but}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
-
-
-# --- differences of predictions -------------------------------------------------------------------------------------
-
-
-def difference(dataset: Dataset, before: Model, after: Model, weights: Mapping[str, Array]) -> float:
-    """Return by how much two models differ in their prediction of new runs, rms [response]; offsets are free.
-
-    New runs begin as the old ones did, but for their trigger delay. Observations with weights (see `EstimationTask`)
-    count alone: the larger difference is returned.
-    """
-    weighted = [record for record in dataset.records if record.observation.name in weights]
-    plain = [record for record in dataset.records if record.observation.name not in weights]
-    return max(_rms_difference(records, before, after, weights) for records in (plain, weighted) if records)
-
-
-def largest_difference(task: EstimationTask, before: Model, after: Model) -> float:
-    """Return how far two models differ in what they predict of the fitted or of the validation runs, the larger one."""
-    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
-    return max(difference(dataset, before, after, task.weights) for dataset in suites)
-
-
-def _rms_difference(records: Sequence[Record], before: Model, after: Model, weights: Mapping[str, Array]) -> float:
-    squares, count = 0.0, 0
-    own = [{p.name: p.null for p in model.parameters() if p.run and p.null is not None} for model in (before, after)]
-    models = [model.replace(nulls) for model, nulls in zip((before, after), own, strict=True)]
-    for record in records:
-        first, second = (np.asarray(model.predict(record.observation)) for model in models)
-        apart = without_offset(record, second - first, weights)
-        squares, count = squares + float(np.sum(apart**2)), count + len(apart)
-    return math.sqrt(squares / count)
-
-
-def without_effect(model: Model, effect: Candidate) -> Model:
-    """Return a model in which an effect does nothing, in no run; all other numbers stay."""
-    null = null_of(parameter_of(model, effect.strength))
-    deviations = {p.name: 0.0 for p in model.parameters() if p.run and p.name.endswith(f":{effect.strength}")}
-    return model.replace({effect.strength: null, **deviations})
-
-
-def without_offset(record: Record, values: Array, weights: Mapping[str, Array]) -> Array:
-    """Return the values present less their mean; or, where there are weights, the values with these."""
-    weight = weights.get(record.observation.name)
-    if weight is not None:
-        return np.asarray((values * weight)[record.present])
-    present = values[record.present]
-    return np.asarray(present - np.mean(present))

@@ -13,7 +13,8 @@ from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of
 from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, largest_difference, without_effect
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.prediction_change import largest_difference, without_effect
 from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns
 
 

@@ -18,7 +18,8 @@ from flexdesign.core.model import Observation
 from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, without_offset
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.prediction_change import without_offset
 
 #: Functions of what a model predicts of an observation, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
