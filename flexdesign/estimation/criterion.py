@@ -4,17 +4,18 @@ An effect is *added* if it passes four checks.
 
 1. *Evidence.* chi^2 of the fitted runs falls by more than the largest score of the catalogue does by chance
    (family-wise critical value of the score test), times the discrepancy of the model: reduced chi^2 times the number of
-   samples that count as one (Bartlett 1946). What no model explains is coloured noise, and a thousand correlated
-   samples are not a thousand proofs.
-2. *Share.* It removes a stated share of the unexplained mean square of the validation runs.
+   samples that count as one (Bartlett 1946). The unexplained residual is treated as coloured noise: a thousand
+   correlated samples do not count as a thousand samples.
+2. *Share.* It removes at least the share `SHARE` of the unexplained mean square of the validation runs.
 3. *Relevance.* It changes the prediction by more than the tolerance, also by itself.
-4. *Determination.* The 95 % interval of its strength excludes the null, and it is not at the end of its range.
+4. *Determination.* The 95 % interval of its strength excludes the null, and the strength is not at the end of its
+   range.
 
-Of several that pass, the one with the least BIC is *preferred*. Where BIC does not distinguish them and none of them is
-adequate, so that each is an approximation, one that predicts the validation runs better by that share comes before it.
+Of several effects that pass, the one with the least BIC is *preferred*. If BIC does not distinguish them and none is
+adequate, each is an approximation. Then an effect that predicts the validation runs better by `SHARE` comes before it.
 
-All added effects are *named* if the residual is noise. Else they are if they explain much compared with the residual,
-and if neither smooth functions nor a linear system explain more in their place.
+All added effects are *named* if the residual is noise. Otherwise they are named if they explain much compared with the
+residual, and if neither smooth functions nor a linear system explain more in their place.
 """
 
 from __future__ import annotations
@@ -27,49 +28,48 @@ from scipy.special import chdtri
 #: Family-wise probability of a false effect in one step; half of it or twice it moves the critical value by 1.4. Also
 #: the probability of a false sinusoid in a record, and of a false term among smooth functions.
 LEVEL = 1e-3
-#: Least share of the unexplained mean square of the validation runs; what explains less is no finding for a user.
+#: Least share of the unexplained mean square of the validation runs; a smaller one is no finding for a user.
 SHARE = 0.05
 #: BIC does not distinguish models that differ by less: "very strong" evidence begins at 10 (Kass and Raftery 1995).
 INDISTINGUISHABLE = 10.0
 #: Standard deviations of a 95 % interval.
 HALF_WIDTH = 1.96
-#: Standard deviations beyond which a deviation from what is known is a finding: one in 370 is larger.
+#: Standard deviations beyond which a deviation from a prior is a finding: one in 370 is larger.
 CONFLICT = 3.0
-#: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
+#: A parameter is undetermined if its 95 % interval is wider than this share of the plausible range.
 SHARE_OF_RANGE = 0.5
 #: An effect is named despite a residual if it explains this multiple of it, in squares: two thirds of both together.
 LARGE = 2.0
-#: Smooth functions are the better explanation if they leave no more than this share of what effects leave, in squares.
+#: Smooth functions explain more than effects if they leave no more than this share of the chi^2 that effects leave.
 BETTER = 0.5
-#: Calibration is refused if it makes the validation error larger by this factor, and chi^2 by more than chance does; an
-#: old value contradicts the runs if it makes their residual larger by it. The rms of a thousand samples scatters less,
-#: 1 / sqrt(2 * 1250).
+#: Calibration is refused if it makes the validation error larger by this factor, and chi^2 by more than chance does; a
+#: default contradicts the runs if it makes their residual larger by this factor. The rms of 1250 samples scatters by
+#: 1 / sqrt(2 * 1250) = 0.02.
 WORSE = 1.02
-#: Noise is overstated where the residual is smaller by this factor, which chance does not reach with ten samples.
+#: Noise is overstated if the residual is smaller by this factor, which chance does not reach with ten samples.
 OVERSTATED = 2.0
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for an effect, or for two that are added at once.
+    """The results of the four checks for an effect, or for two that are added at once.
 
     Parameters
     ----------
     gain, needed
-        Fall of chi^2 of the fitted runs, less what further initial conditions explain by chance; and the critical value
-        of it, discrepancy counted.
+        Fall of chi^2 of the fitted runs, less what further initial conditions explain by chance; and its critical value
+        times the discrepancy.
     helps
         Whether chi^2 of the validation runs falls.
     share
-        Share of the unexplained mean square of the validation runs that it removes.
+        Share of the unexplained mean square of the validation runs that the effect removes.
     change, own_change, tolerance
-        Change of the prediction against the model before, or improvement on the validation runs where that is less;
-        change against the model without the effect alone; and the change that matters [response], all rms.
+        Change of the prediction against the previous model, or the improvement on the validation runs if that is less;
+        change against the model without this effect alone; and the tolerance; all rms [response].
     trace
-        Score of the columns by which an effect shows whatever else it does, such as the line of a sinusoid; infinite
-        if it has none.
+        Score of the columns of `Candidate.trace`, such as the line of a sinusoid; infinite without columns.
     at_bound, open
-        Strengths at the end of the plausible range; and those with intervals that include the null.
+        Strengths at the end of the plausible range; and strengths with intervals that include the null.
     """
 
     gain: float
@@ -85,12 +85,12 @@ class Evidence:
 
     @property
     def is_small(self) -> bool:
-        """Tell whether the check that fails first is that of relevance."""
+        """Whether relevance is the first check that fails."""
         return self.refusal.startswith("moves")
 
     @property
     def refusal(self) -> str:
-        """Return the reason why nothing is added; empty if it is."""
+        """The reason why the effect is not added; empty if it is added."""
         if self.gain < self.needed:
             return "no more than chance gives"
         if self.trace < self.needed:
@@ -102,7 +102,7 @@ class Evidence:
         if min(self.change, self.own_change) < self.tolerance:
             itself = "" if self.change < self.tolerance else "itself "
             return f"{itself}moves the prediction by less than the tolerance"
-        if self.at_bound:  # other numbers may come back as further effects are added
+        if self.at_bound:  # other parameters may leave their limits as further effects are added
             return f"{' and '.join(self.at_bound)} at the end of what is plausible"
         if self.open:
             return f"{' and '.join(self.open)} is not determined: its 95 % interval includes the null"
@@ -115,20 +115,20 @@ def critical_value(score: float, numbers: int) -> float:
     Parameters
     ----------
     score
-        Critical value of the largest score of the catalogue, each with one free number.
+        Critical value of the largest score of the catalogue, for effects with one free parameter.
     numbers
-        Number of free parameters that are added; each additional one has a quantile of chi^2 of its own.
+        Number of free parameters that are added; each additional one adds a quantile of chi^2.
     """
     return score + float(chdtri(max(numbers, 1), LEVEL) - chdtri(1, LEVEL))
 
 
 def explained_share(before: float, after: float, floor: float) -> float:
-    """Return the share of the mean square above the noise that goes where an rms residual falls."""
+    """Return the share of the mean square above the noise that is removed as an rms residual falls."""
     return (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
 
 
 def large_share() -> float:
-    """Return `LARGE` as a share of what was unexplained before."""
+    """Return `LARGE` as a share of the mean square that was unexplained before."""
     return LARGE / (1.0 + LARGE)
 
 
@@ -138,10 +138,10 @@ def excludes(value: float, null: float, half_width: float) -> bool:
 
 
 def is_undetermined(half_width: float, plausible: float) -> bool:
-    """Tell whether a 95 % interval says next to nothing in its plausible range."""
+    """Tell whether a 95 % interval covers too large a share of the plausible range."""
     return math.isfinite(plausible) and 2 * half_width > SHARE_OF_RANGE * plausible
 
 
 def cannot_tell_apart(difference: float, discrepancy: float) -> bool:
-    """Tell whether a difference of BIC decides nothing, discrepancy counted."""
+    """Tell whether a difference of BIC is too small to distinguish two models, with the discrepancy."""
     return difference < INDISTINGUISHABLE * discrepancy

@@ -1,4 +1,4 @@
-"""Numbers of effects that the runs do not determine: an effect is dropped, or a number is held at its default."""
+"""Parameters of effects that the runs do not determine: an effect is dropped, or a parameter is held at its default."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from flexdesign.estimation.uncertainty.identifiability import Estimate, better_f
 
 
 def restart_from_profiles(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return a fit restarted from a better point, where the profile of a strength meets one; else the same."""
+    """Return the fit restarted from a better point if the profile of a strength meets one; else the same fit."""
     names = [effect.strength for effect in fit.effects if not fit.deviations(effect.strength)]
     better = better_fit(fit.solution, names) if names else None
     return fit if better is None else evaluate_fit(task, better, fit.effects) or fit
 
 
 def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
-    """Return the fit without effects whose strength has no interval, or one that holds its null; and the numbers held.
+    """Return the fit without effects whose interval of the strength includes the null, and the parameters held.
 
-    Intervals are those that are stated. A number of the same effect that can replace the strength is held first, where
-    the fit has it.
+    An effect without an interval is dropped as well. Intervals are those of the report. A parameter of the same effect
+    that is confounded with the strength is held at its fitted value first.
     """
     for effect in reversed(fit.effects):
         strength = _strength(fit, effect.strength)
@@ -41,21 +41,22 @@ def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
             continue
         held = tuple(name for name in strength.confounded if name in effect.free)
         if held:
-            less = replace(effect, free=tuple(name for name in effect.free if name not in held))
-            made = fit_model(task, fit.model, tuple(less if e.name == effect.name else e for e in fit.effects))
+            reduced = replace(effect, free=tuple(name for name in effect.free if name not in held))
+            refitted = fit_model(task, fit.model, tuple(reduced if e.name == effect.name else e for e in fit.effects))
         else:
-            made = refit(task, fit, tuple(other for other in fit.effects if other.name != effect.name))
-        if made is None:
+            refitted = refit(task, fit, tuple(other for other in fit.effects if other.name != effect.name))
+        if refitted is None:
             return fit, ()
-        made, more = drop_undetermined(task, made)
-        return made, (*held, *more)
+        refitted, others_held = drop_undetermined(task, refitted)
+        return refitted, (*held, *others_held)
     return fit, ()
 
 
 def _strength(fit: FittedModel, name: str) -> Estimate:
-    """Return a strength with its interval by the profile likelihood, as the covariance may mislead in imitations.
+    """Return a strength with its interval by the profile likelihood: of imitations the covariance may mislead.
 
-    Where it differs from run to run, the mean over the fitted runs, with its interval by the covariance.
+    For a strength that differs from run to run, return the mean over the fitted runs, with the interval by the
+    covariance.
     """
     if not fit.deviations(name):
         return intervals(fit.solution, [name])[0]
@@ -64,56 +65,56 @@ def _strength(fit: FittedModel, name: str) -> Estimate:
 
 
 def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
-    """Tell whether a strength has an interval without its null, or the end of the plausible range next to that.
+    """Tell whether the interval of a strength excludes its null, and the end of the plausible range next to the null.
 
-    The mean of one that differs from run to run may be anything, where the residual is noise: an approximation differs
-    from run to run because it is one.
+    If the residual is noise, the mean of a strength that differs from run to run may be anything. If it exceeds the
+    noise, the mean must exclude the null, too: the strength of an approximation also differs from run to run.
     """
     if strength.interval is None:
         return False
     low, high = strength.interval
     null = float(np.clip(null_of(strength.parameter), *strength.parameter.plausible))
-    holds_null = low <= null <= high or any(math.isclose(null, end, rel_tol=1e-6) for end in (low, high))
-    return (bool(fit.deviations(strength.name)) and not fit.exceeds_noise) or not holds_null
+    includes_null = low <= null <= high or any(math.isclose(null, end, rel_tol=1e-6) for end in (low, high))
+    return (bool(fit.deviations(strength.name)) and not fit.exceeds_noise) or not includes_null
 
 
 def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
-    """Return the fit with undetermined numbers of its effects held, and their names; the same fit if there are none."""
-    present = {p.name: p.start for p in with_effects(task.bare(fit.model), fit.effects).parameters()}
+    """Return the fit with undetermined parameters of its effects held, and their names; the same fit without any."""
+    catalogue = {p.name: p.start for p in with_effects(task.bare(fit.model), fit.effects).parameters()}
     defaults = {
-        name: float(present[name] or 0.0)
+        name: float(catalogue[name] or 0.0)
         for effect in fit.effects
         for name in effect.free
-        if name != effect.strength and present.get(name) is not None and _is_open(fit, name, present[name] or 0.0)
+        if name != effect.strength and catalogue.get(name) is not None and _is_open(fit, name, catalogue[name] or 0.0)
     }
     if not defaults:
         return fit, ()
     effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in fit.effects)
-    made = fit_model(task, fit.model.replace(defaults), effects)
-    # A default that contradicts the runs is none to hold.
-    if made is None or made.cost - fit.cost > -2.0 * math.log(LEVEL) * fit.discrepancy:
+    refitted = fit_model(task, fit.model.replace(defaults), effects)
+    # A default that contradicts the fitted runs is not held.
+    if refitted is None or refitted.cost - fit.cost > -2.0 * math.log(LEVEL) * fit.discrepancy:
         return fit, ()
     scored = task.scored or task.validate.names
-    if scored and made.rms(scored, task.scales) > WORSE * fit.rms(scored, task.scales):
-        made = fit_model(task, fit.model, effects) or made  # others are predicted worse: its fitted value is held
-    return made, tuple(defaults)
+    if scored and refitted.rms(scored, task.scales) > WORSE * fit.rms(scored, task.scales):
+        # The defaults predict the validation runs worse: the fitted values are held.
+        refitted = fit_model(task, fit.model, effects) or refitted
+    return refitted, tuple(defaults)
 
 
 def relevant_ends(task: EstimationTask, fit: FittedModel) -> list[str]:
-    """Return the numbers at the end of what is plausible that are relevant there.
+    """Return the parameters of effects that end at a limit of their plausible range, and are relevant there.
 
-    Strengths are, and numbers that move a prediction.
-    A number that a factor e from its end moves no prediction by the tolerance says that it is small, or large: friction
-    without presliding is as plausible as with little of it.
+    A strength is always relevant. Another parameter is relevant if its value a factor e from the limit changes a
+    prediction: friction without presliding is as plausible as friction with little of it.
     """
     strengths = {effect.strength for effect in fit.effects}
     return [name for name in fit.at_bound() if name in strengths or is_end_relevant(task, fit, name)]
 
 
 def is_end_relevant(task: EstimationTask, fit: FittedModel, name: str) -> bool:
-    """Tell whether a number a factor e from the end of its range predicts otherwise, by the tolerance or more.
+    """Tell whether the value of a parameter a factor e from its limit changes a prediction by the tolerance or more.
 
-    Where a residual remains, a change by less than the stated share of it, in squares, is none either.
+    If the residual exceeds the noise, the change must also be at least `SHARE` of its mean square.
     """
     where = fit.solution.problem.where
     j = where.names.index(name)
@@ -127,7 +128,7 @@ def is_end_relevant(task: EstimationTask, fit: FittedModel, name: str) -> bool:
 
 
 def _is_open(fit: FittedModel, name: str, default: float) -> bool:
-    """Tell whether the interval of a number holds a default of zero, or nearly all that is plausible."""
+    """Tell whether the interval of a parameter includes a default of zero, or most of the plausible range."""
     where = fit.solution.problem.where
     j = where.names.index(name)
     if fit.is_undetermined(j):

@@ -17,47 +17,47 @@ from flexdesign.estimation.least_squares.residual_function import Map, Problem
 
 @dataclass(frozen=True, eq=False)
 class EstimationTask:
-    """What a diagnosis fits, and to what.
+    """The estimation problem of a diagnosis.
 
     Parameters
     ----------
     identify, validate
         Runs that are fitted, and runs by which models are chosen.
     free
-        Names of the fitted numbers of the model itself.
+        Names of the free parameters of the model itself.
     known
-        Returns the priors of a model's numbers: mean and standard deviation, SI, by name.
+        Returns the priors of the parameters of a model: mean and standard deviation, SI, by name.
     bare
         Returns a model without the effects that were added to it.
     tolerance
-        How far an effect must move the prediction of a validation run, rms [response].
+        Least change of the prediction of a validation run by an effect, rms [response].
     coarse, fine, finest
-        Make a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
-        are small compared with those of fitted parameters, which are far below the noise.
+        Return a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
+        are small compared with those of the fitted parameters, which are far below the noise.
     each
-        Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `least_squares.parallel_map`.
+        Maps simulations, and fits, perhaps over threads; see `least_squares.parallel_map`.
     progress
         Receives the progress as text.
     calibrated_excess
-        By how much chi^2 of the fitted runs exceeds the number of samples in the model without effects; see `forward`.
+        Chi^2 of the fitted runs less the number of samples, for the model without effects; see `forward`.
     noise_rms
-        Rms noise of the runs by which models are chosen [response]; zero where it is unknown.
+        Rms noise of the runs by which models are chosen [response]; zero if it is unknown.
     test
-        Runs that neither fit nor choose; None if there are none.
+        Runs that are neither fitted nor choose a model; None if there are none.
     prepared
-        Returns the case with the initial conditions that the effects of a model have.
+        Returns the task with the initial conditions that the effects of a model need.
     prior_bound
-        How many standard deviations of its prior a number of one run may be from its mean.
+        Largest distance of a parameter of one run from the mean of its prior, in standard deviations.
     null_errors
-        Yields errors that readings of the runs in `identify` may have, by run [response], where these are no Gaussian
-        noise; nothing where they are. It is given the residuals of a fit.
+        Yields simulated errors of the readings of the runs in `identify`, by run [response], if they are not Gaussian;
+        else nothing. Its argument are the residuals of a fit.
     weights
         Weights of the values of an observation, by its name, in addition to `tolerance`; one where it is missing.
     scales
-        Factors of the values of an observation whose values are not equally noisy, by its name: typical noise over
-        their own. Its rms residual is stated with them.
+        For an observation whose values are not equally noisy, by its name: typical noise over the noise of each value.
+        Its rms residual is stated with these factors.
     scored
-        Names of the observations whose rms residual counts; by default those of `validate`, or all if there are none.
+        Names of the observations whose rms residual is stated; by default those of `validate`, or all without any.
     """
 
     identify: Dataset
@@ -89,7 +89,7 @@ class EstimationTask:
         runs = {record.observation.name for record in dataset.records}
         own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
         names = [*free, *own]
-        if not names:  # frequency responses have no numbers of their own
+        if not names:  # frequency responses have no parameters of their own
             return Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
         known = {name: about for name, about in self.known(model).items() if name in names}
         return _bound_by_priors(coordinates(model, names, known), self.prior_bound)

@@ -51,15 +51,15 @@ class FittedModel:
 
     @property
     def fitted_chi2(self) -> float:
-        """chi^2 of the fitted runs and of their initial conditions, without the priors of the model's own numbers."""
+        """chi^2 of the fitted runs and of the priors of their initial conditions, without other priors."""
         problem = self.solution.problem
         of_runs = {parameter.name for parameter in problem.where.parameters if parameter.run}
-        odd = problem.prior_residual(self.solution.x)[[name in of_runs for name in problem.where.known]]
-        return float(sum(part @ part for part in self.solution.residuals) + odd @ odd)
+        own = problem.prior_residual(self.solution.x)[[name in of_runs for name in problem.where.known]]
+        return float(sum(part @ part for part in self.solution.residuals) + own @ own)
 
     @property
     def excess(self) -> float:
-        """By how much chi^2 of the fitted runs exceeds the number of samples."""
+        """Chi^2 of the fitted runs less the number of samples; at least zero."""
         return max(self.fitted_chi2 - self.solution.problem.dataset.samples, 0.0)
 
     @property
@@ -74,7 +74,7 @@ class FittedModel:
 
     @cached_property
     def discrepancy(self) -> float:
-        """Factor by which evidence is discounted, see `Dataset.discrepancy`."""
+        """Factor that divides the evidence, see `Dataset.discrepancy`."""
         return self.solution.problem.dataset.discrepancy(self.solution.residuals)
 
     @property
@@ -112,21 +112,21 @@ class FittedModel:
         It is the same for all of them, as in QAIC (Burnham and Anderson 2002, section 2.5).
         """
         free = {name for effect in self.effects for name in effect.free}
-        # A number that differs from run to run counts once for each run.
-        numbers = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
-        price = numbers * math.log(self.solution.problem.dataset.samples)
-        return self.cost + self.validation_chi2 + price * discrepancy
+        # A parameter that differs from run to run counts once for each run.
+        count = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
+        penalty = count * math.log(self.solution.problem.dataset.samples)
+        return self.cost + self.validation_chi2 + penalty * discrepancy
 
     def ends(self) -> list[str]:
-        """Return the numbers that the fit moved to an end of their plausible range."""
+        """Return the parameters that the fit moved to an end of their plausible range."""
         where, x = self.solution.problem.where, self.solution.x
         near = [np.isclose(x, end, rtol=1e-6, atol=0.0) for end in (where.lower, where.upper)]
         return [name for name, is_end in zip(where.names, np.any(near, axis=0), strict=True) if is_end]
 
     def at_bound(self) -> list[str]:
-        """Return the numbers of effects at an end of their plausible range.
+        """Return the parameters of effects at an end of their plausible range.
 
-        One that the runs do not determine may end anywhere: it says nothing. A strength may not.
+        Parameters that the runs do not determine are left out, as they may end anywhere; strengths are not.
         """
         where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
         strengths, values = {effect.strength for effect in self.effects}, where.values(self.solution.x)
@@ -163,7 +163,7 @@ class FittedModel:
         return HALF_WIDTH * math.sqrt(max(variance, 0.0))
 
     def deviations(self, name: str) -> list[str]:
-        """Return the deviations of the fitted runs from a number, by name; none if it is one for all runs."""
+        """Return the names of the deviations of the fitted runs from a parameter; none if all runs share one value."""
         return [p.name for p in self.solution.problem.where.parameters if p.run and p.name.endswith(f":{name}")]
 
     def mean_over_runs(self, name: str) -> tuple[float, float]:
@@ -174,7 +174,7 @@ class FittedModel:
         return float(contrast @ self.solution.x), self.half_width_of(contrast)
 
     def is_undetermined(self, j: int) -> bool:
-        """Tell whether that interval says next to nothing in the plausible range of the coordinate."""
+        """Tell whether the 95 % interval of a coordinate covers too much of its plausible range."""
         return is_undetermined(self.half_width(j), float(self.solution.problem.where.span[j]))
 
 
@@ -213,69 +213,71 @@ def solve_case(
 
 
 def _fits(old: Columns, dataset: Dataset) -> bool:
-    """Tell whether columns of a Jacobian have the rows of a data set, whose initial conditions may be others now."""
+    """Tell whether columns of a Jacobian have the rows of a data set, whose initial conditions may have changed."""
     rows = [record.rows for record in dataset.records]
     return all(c is None or len(c) == n for parts in old.values() for c, n in zip(parts, rows, strict=True))
 
 
 def evaluate_fit(task: EstimationTask, solution: Solution, effects: tuple[Candidate, ...]) -> FittedModel | None:
-    """Predict the validation runs with a fitted model, whose initial conditions there are fitted first."""
-    model, held = solution.problem.at(solution.x), 0.0
+    """Predict the validation runs with a fitted model, after their initial conditions are fitted."""
+    model, validation_chi2 = solution.problem.at(solution.x), 0.0
     task = task.prepared(task, model)
     task = replace(task, identify=solution.problem.dataset, validate=task.validate.at(model))
     if task.validate.records:
-        begun = fit_initial_states(task, task.validate, search_initial_states(task, task.validate, model))
-        if begun is None:
+        initialised = fit_initial_states(task, task.validate, search_initial_states(task, task.validate, model))
+        if initialised is None:
             return None
-        model, held = begun.problem.at(begun.x), begun.cost
+        model, validation_chi2 = initialised.problem.at(initialised.x), initialised.cost
     records = [(dataset, record) for dataset in (task.identify, task.validate) for record in dataset.records]
     residuals = task.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), records)
     names = [record.observation.name for _, record in records]
-    return FittedModel(effects, solution, model, held, dict(zip(names, residuals, strict=True)))
+    return FittedModel(effects, solution, model, validation_chi2, dict(zip(names, residuals, strict=True)))
 
 
 def fit_initial_states(task: EstimationTask, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
-    """Fit the initial states of the runs of a data set, while all other numbers stay; None where the model fails."""
+    """Fit the initial states of the runs of a data set, with all other parameters held; None where the model fails."""
     problem = task.problem(dataset, model)
-    # These numbers are known from nowhere else, so that no Jacobian is needed at the end.
+    # Nothing is derived from the Jacobian at the end, so that it need not be exact.
     return solve(problem, problem.where.start, replace(effort, is_exact=False))
 
 
 def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) -> Model:
-    """Return a model whose runs begin where each fits best, fitted from the best points of a grid."""
+    """Return a model with the initial state of each run that fits best, fitted from the best points of a grid."""
 
     def fit_state(model: Model, record: Record) -> tuple[float, Model]:
-        found = fit_initial_states(task, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
-        return (math.inf, model) if found is None else (found.misfit, found.problem.at(found.x))
+        solution = fit_initial_states(task, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
+        return (math.inf, model) if solution is None else (solution.misfit, solution.problem.at(solution.x))
 
     return grid_initial_states(dataset, model, task.each, fit_state)
 
 
 def predict_tests(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return a fit with the residuals of the test runs, and with their initial conditions, which are fitted."""
+    """Return a fit with the residuals of the test runs, after their initial conditions are fitted."""
     if (
         task.test is None
-        or (made := evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)) is None
+        or (tested := evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)) is None
     ):
         return fit
-    begun = {p.name: p.start for p in made.model.parameters() if p.run in task.test.names and p.start is not None}
-    residuals = {**made.residuals_by_run, **fit.residuals_by_run}
-    return replace(fit, model=fit.model.replace(begun), residuals_by_run=residuals)
+    own = {p.name: p.start for p in tested.model.parameters() if p.run in task.test.names and p.start is not None}
+    residuals = {**tested.residuals_by_run, **fit.residuals_by_run}
+    return replace(fit, model=fit.model.replace(own), residuals_by_run=residuals)
 
 
 def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]) -> FittedModel | None:
-    """Fit a model with some of the effects of a fit, from the values that it has.
+    """Fit a model with some of the effects of a fit, from its values.
 
-    Of an effect that the fit has several times the first ones stay, whichever were asked for, at the values of those.
+    An effect may be in the fit several times (`second_mode`, `second_mode.2`). The first names are then kept, with the
+    values of those that were asked for.
     """
     effects, renamed = _renumber(fit, effects)
     return fit_model(task, with_other_effects(task, fit, effects).replace(renamed), effects)
 
 
 def with_other_effects(task: EstimationTask, fit: FittedModel, effects: Sequence[Candidate], *others: Model) -> Model:
-    """Return the model of a fit with other effects, at the values that it has, and otherwise at those of other models.
+    """Return the model of a fit with other effects, at the values of the fit, or else at those of other models.
 
-    A bandwidth, a delay or a limit is a number of the model itself: that of an effect that is dropped goes with it.
+    A bandwidth, a delay or a limit is a parameter of the model itself. Its value is dropped with the effect that it
+    belongs to.
     """
     dropped = {name for effect in fit.effects if effect not in effects for name in effect.free}
     model = with_effects(task.bare(fit.model), effects)
@@ -285,7 +287,7 @@ def with_other_effects(task: EstimationTask, fit: FittedModel, effects: Sequence
 
 
 def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[Candidate, ...], dict[str, float]]:
-    """Return the effects with those in front that were dropped before their followers, and the values of the latter."""
+    """Return the effects, repeated ones under their first names, and the values that these take over."""
     dropped = {effect.name: effect for effect in fit.effects if effect not in effects}
     kept, values = list[Candidate](), dict[str, float]()
     for effect in effects:
@@ -303,15 +305,15 @@ def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[C
 def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit whose simulation errors are small compared with the errors of the fitted parameters.
 
-    N samples of noise s leave an error of s / root N in a value. A prediction that is off by a small share of the noise
-    everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact. The second fit is made with
-    what fine steps change where the first one ended.
+    N samples of noise s leave an error of s / sqrt(N) in a value. A systematic error of the prediction by a small share
+    of the noise changes the value by as much. The Jacobian of the fit is used again, as it need not be so exact. The
+    second fit uses the correction by fine steps at the end of the first, see `EstimationTask.finest`.
     """
     for effort in (Effort(2, is_exact=False), FOLLOWING):
-        made = fit_model(task, task.finest(fit.model), fit.effects, old=fit.solution.columns(), effort=effort)
-        if made is None:
+        refined = fit_model(task, task.finest(fit.model), fit.effects, old=fit.solution.columns(), effort=effort)
+        if refined is None:
             break
-        fit = made
+        fit = refined
     return fit
 
 
@@ -323,6 +325,6 @@ def with_effects(model: Model, effects: Sequence[Candidate]) -> Model:
 
 
 def with_values(model: Model, source: Model, but: Collection[str] = ()) -> Model:
-    """Return a model at the values of another one that has its numbers, but for some."""
+    """Return a model at the values of the parameters of another one, except for some."""
     values = {parameter.name: parameter.start for parameter in source.parameters() if parameter.name not in but}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})

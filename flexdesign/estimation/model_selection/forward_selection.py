@@ -1,8 +1,8 @@
 """One forward step of the selection: the one or two effects to add that explain most.
 
-Candidates are many and fits are expensive. They compete in rounds (successive halving: Jamieson and Talwalkar 2016).
-All that promise enough take steps with the Jacobian that is known; the best of them are fitted roughly; the finalists
-are fitted to the end and compared, see `flexdesign.estimation.criterion`.
+There are many candidates, and fits are expensive. Candidates therefore compete in rounds (successive halving: Jamieson
+and Talwalkar 2016). All with a sufficient score take steps with the known Jacobian; the best of them are fitted
+roughly; the finalists are fitted to convergence and compared, see `flexdesign.estimation.criterion`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class _Start:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """A fit that competes."""
+    """A fit in a round of the competition."""
 
     start: _Start
     solution: Solution
@@ -72,7 +72,7 @@ class Entry:
 def screen(
     task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
 ) -> tuple[float, list[Entry]]:
-    """Return the critical value of the largest score, and quick fits of what promises more, the best first.
+    """Return the critical value of the largest score, and quick fits of candidates with a sufficient score, best first.
 
     Parameters are those of `forward`.
     """
@@ -92,9 +92,10 @@ def screen(
 
 
 def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> list[Entry]:
-    """Return rough fits of the entries that promise most, with runs in the initial states that suit them; best first.
+    """Return rough fits of the best entries, from the initial states of the runs that fit best; best first.
 
-    Those are the best quick fits; and of the other single candidates the best scores, as a quick fit may go astray.
+    Entries are the best quick fits, and the best scores among the other single candidates, because a quick fit may go
+    astray.
     """
 
     def roughly(entry: Entry) -> Entry | None:
@@ -118,7 +119,7 @@ def forward(
     candidates: Sequence[Candidate],
     expansion_points: Sequence[FittedModel] = (),
 ) -> Step:
-    """Return the addition that pays best, or none.
+    """Return the forward step: its trials, and the best addition or none.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def forward(
     candidates
         The catalogue.
     expansion_points
-        Fits from which additions are tried as well, such as the design where calibration led astray.
+        Further fits from which additions are tried, such as the design if calibration led astray.
     """
     score, entries = screen(task, fit, candidates, expansion_points)
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
@@ -148,9 +149,9 @@ def forward(
 def _in_two_steps(
     task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], trials: Sequence[Trial], score: float
 ) -> list[Trial]:
-    """Return what a further step adds to the best effect, where a pair with that would be added; none otherwise.
+    """Return the trial of a further step after the best single effect, if a pair with that effect would be added.
 
-    All candidates compete in that step, of which a pair has but the most promising.
+    All candidates compete in the further step; in pairs only those with the best scores do.
     """
     pair = best_of(task, trials)
     single = best_of(task, [trial for trial in trials if len(trial.names) == 1])
@@ -163,7 +164,7 @@ def _in_two_steps(
 
 
 def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
-    """Return where fits start: at the best trials of each candidate, and at pairs that promise more than one."""
+    """Return starting points: the best trials of each candidate, and pairs with a larger score than single ones."""
     best = screening.best()
 
     @cache  # singles and pairs begin in the same directions
@@ -187,9 +188,10 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
 def _compete(
     task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], least: float
 ) -> tuple[list[Entry], list[Entry]]:
-    """Return the fits that are worth being carried to their end, with one further effect and with two.
+    """Return the fits that are to be fitted to convergence, with one further effect and with two.
 
-    Roughly fitted they must lower chi^2 by more than `least`; and a pair must explain much of what a single one leaves.
+    As rough fits they must lower chi^2 by more than `least`; a pair must explain much of what the best single effect
+    leaves.
     """
     roughly = fit_roughly(task, fit, entries)
     candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
@@ -209,7 +211,7 @@ def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
 
 
 def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
-    """Return where the known Jacobian leads, coarsely simulated.
+    """Return the quick fit: steps with the known Jacobian, coarsely simulated.
 
     A limit moves the prediction so far that the Jacobian without it misleads, as does one at a gross misfit: it is
     then computed at the start. At a gross misfit the initial states of runs mislead as well, and are held.
@@ -238,9 +240,9 @@ def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], sc
 
 
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
-    """Return the comparison of a rough fit carried to its end; None where it cannot be simulated.
+    """Return the trial of a rough fit, fitted to convergence; None if it cannot be simulated.
 
-    Its runs begin where it fits best; `score` is the critical value, as `screen` returns it.
+    Initial states are those that fit best on the grid; `score` is the critical value that `screen` returns.
     """
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
@@ -250,7 +252,7 @@ def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
 
 
 def _escape(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
-    """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
+    """Return the trial with its fit restarted from other thresholds, if it has more evidence than chance gives."""
     better = escape(task, trial.fit, trial.names) if trial.gain > trial.critical_gain else trial.fit
     return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
@@ -258,9 +260,9 @@ def _escape(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
 def fit_candidate(
     task: EstimationTask, fit: FittedModel, candidate: Candidate, *, roughly: bool = False
 ) -> FittedModel:
-    """Return the best fit with an effect that promises nothing: its value then says how large it may be at most.
+    """Return the best fit with an effect without a score; its interval says how large the effect may be at most.
 
-    A rough fit is one of coarse simulations.
+    A rough fit uses coarse simulations.
 
     Raises
     ------

@@ -29,18 +29,18 @@ class Trial:
     fit
         The fit.
     gain
-        Fall of chi^2 of the fitted runs, less what the freedom of further initial conditions explains by chance; or the
-        score of what an effect must show by, if that is less.
+        Fall of chi^2 of the fitted runs, less what further initial conditions explain by chance; or the score of the
+        columns of `Candidate.trace`, if that is less.
     share
         Share of the unexplained mean square of the validation runs that it removes.
     error
         Rms residual of the validation runs [response].
     critical_gain, score
-        Critical value of the gain, discrepancy counted; and of the largest score of the catalogue.
+        Critical value of the gain, with the discrepancy; and of the largest score of the catalogue.
     reason
-        Why it is not accepted; empty if it is.
+        Why the trial is not accepted; empty if it is.
     is_small
-        Whether it is refused because it moves the prediction by less than the tolerance.
+        Whether the trial is refused because it changes the prediction by less than the tolerance.
     """
 
     names: tuple[str, ...]
@@ -56,14 +56,14 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the selection: the best trial, and those that do as well.
+    """One step of the selection: its trials, and the one that was chosen.
 
     Parameters
     ----------
     chosen
         The trial whose effects were added; None at the last step, where none was accepted.
     trials
-        All that were evaluated, best first.
+        All trials, best first.
     """
 
     chosen: Trial | None
@@ -79,9 +79,9 @@ class Step:
 
     @property
     def rivals(self) -> tuple[Trial, ...]:
-        """Those alike; and of an approximation, accepted trials of effects that it is known to be taken for.
+        """The trials `alike`; next to an approximation, also accepted trials of effects often confused with it.
 
-        The latter must explain as much as the chosen one but for `criterion.SHARE`.
+        The latter must explain at least `1 - criterion.SHARE` of the share of the chosen trial.
         """
         if self.chosen is None or not self.chosen.fit.exceeds_noise:
             return self.alike
@@ -94,8 +94,11 @@ class Step:
 def compare(
     task: EstimationTask, before: FittedModel, after: FittedModel, names: tuple[str, ...], score: float
 ) -> Trial:
-    """Return the trial of effects that one fit has and the one before has not; see `critical_value` for `score`."""
-    # Judged by the data alone: an effect is not needed because it lets a number stay at its prior.
+    """Return the trial of the effects `names`, by which the fit `after` extends the fit `before`.
+
+    `score` is the critical value of the largest score, see `criterion.critical_value`.
+    """
+    # Priors do not count: an effect is not needed because it lets a parameter stay at its prior.
     gain = before.fitted_chi2 - after.fitted_chi2 - max(after.nuisance_dof - before.nuisance_dof, 0.0)
     is_validated = bool(task.validate.records)
     scored = task.scored or (task.validate if is_validated else task.identify).names
@@ -103,8 +106,8 @@ def compare(
     added = [effect for effect in after.effects if effect.name in names]
     bounds = after.at_bound()
     share = criterion.explained_share(errors[0], errors[1], task.noise_rms)
-    # New runs begin at their first sample, so that a lag which each old run took for its late beginning is a change of
-    # prediction; it must be an improvement as well.
+    # The prediction of new runs has no trigger delay. A lag that each old run fitted as its trigger delay therefore
+    # changes the prediction of new runs; it must improve that of the old runs as well.
     improvement = math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0))
     evidence = Evidence(
         gain=gain,
@@ -123,9 +126,9 @@ def compare(
 
 
 def _trace(before: FittedModel, after: FittedModel, effect: Candidate) -> float:
-    """Return the score, in the fit without an effect, of the columns by which it shows whatever else it does.
+    """Return the score of the columns of `Candidate.trace` in the fit without the effect; infinite without columns.
 
-    A sinusoid that cannot be seen itself may still smooth a friction (dither), as another law of friction does.
+    A sinusoid too small to be seen may still smooth the law of a friction (dither), as another law of friction does.
     """
     if effect.trace is None:
         return math.inf
@@ -134,7 +137,7 @@ def _trace(before: FittedModel, after: FittedModel, effect: Candidate) -> float:
 
 
 def is_determined(fit: FittedModel, effect: Candidate) -> bool:
-    """Tell whether the 95 % interval of an effect's strength excludes its null, discrepancy counted.
+    """Tell whether the 95 % interval of the strength of an effect excludes its null, with the discrepancy.
 
     A strength that differs from run to run is determined if it is determined in one run: its mean may be near zero.
     """
@@ -171,8 +174,8 @@ def bic_lead(one: FittedModel, other: FittedModel) -> float:
 def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
-    What explains no more than an effect that hardly moves the prediction is no finding. A pair must beat the best
-    single effect by as much as an additional effect would have to explain to be named.
+    A trial ranked behind one that changes the prediction by less than the tolerance is no finding. A pair must exceed
+    the best single effect by as much as a further effect must explain to be named.
     """
     accepted = list[Trial]()
     for trial in rank(trials):
@@ -183,7 +186,7 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     if not accepted or single is None or len(accepted[0].names) == 1:
         return single or _choose(task, accepted)
     pair = _choose(task, [trial for trial in accepted if len(trial.names) == 2])
-    assert pair is not None  # the first is one
+    assert pair is not None  # the first of the accepted trials is a pair
     is_validated = bool(task.validate.records)
     explained = criterion.explained_share(single.error, pair.error, task.noise_rms) if is_validated else 1.0
     is_more = bic_lead(pair.fit, single.fit) >= pair.critical_gain and explained >= criterion.large_share()
@@ -193,9 +196,10 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
 def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     """Return the best of accepted trials, of which the first has the least BIC.
 
-    Where all are approximations, others that fit alike come before it: one whose numbers all are within what is
-    plausible, where its own are not; and one that predicts better by a stated share. If none that fits alike is
-    plausible, one is that predicts as well but for that share.
+    If all are approximations, a trial that BIC does not distinguish from the first comes before it in two cases: all
+    its parameters are within their plausible ranges, and those of the first are not; or it predicts the validation
+    runs better by `criterion.SHARE`. If none of these trials is plausible, a plausible one is taken that predicts worse
+    by less than `criterion.SHARE`.
     """
     if not accepted or not accepted[0].fit.exceeds_noise or not task.validate.records:
         return next(iter(accepted), None)

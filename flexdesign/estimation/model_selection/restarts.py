@@ -16,10 +16,10 @@ from flexdesign.estimation.model_selection.fitted_model import (
     solve_case,
 )
 
-#: Runs that are fitted at least where one is left out.
+#: Least number of runs, one of which may be left out.
 FEWEST_RUNS = 2
-#: Factors by which thresholds are moved at first: less is within the reach of derivatives; and how often such a step is
-#: doubled at most, to a factor of 1e5.
+#: First factors by which thresholds are changed: smaller changes are within the reach of derivatives; and the largest
+#: number of times that such a step is doubled, to a factor of 1e5.
 THRESHOLD_FACTORS, MOST_DOUBLINGS = (1.1, 0.9), 8
 
 
@@ -33,14 +33,13 @@ def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None =
     model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
     if model is not fit.model:
         fit = _better(fit, fit_model(task, model, fit.effects, old=fit.solution.columns()))
-    moved = [effect for effect in fit.effects if names is None or effect.name in names]
-    for name in (name for effect in moved for name in effect.hidden):
+    restarted = [effect for effect in fit.effects if names is None or effect.name in names]
+    for name in (name for effect in restarted for name in effect.hidden):
         task.progress(f"fitting with other values of {name}")
-        near = _nearby(task, fit, name)
-        if near is not None:
-            model = task.fine(near.problem.at(near.x))
-            made = fit_model(task, model, fit.effects, old=near.columns())
-            fit = _better(fit, made)
+        rough = _search_threshold(task, fit, name)
+        if rough is not None:
+            model = task.fine(rough.problem.at(rough.x))
+            fit = _better(fit, fit_model(task, model, fit.effects, old=rough.columns()))
     return fit
 
 
@@ -48,11 +47,11 @@ def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
     return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
 
 
-def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
-    """Return the best of rough fits that start with another value of a number; None where none is better."""
+def _search_threshold(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
+    """Return the best of rough fits that start with another value of a threshold; None if none is better."""
     model, best = task.coarse(fit.model), None
     cost = fit.solution.problem.cost_of(model, fit.solution.x)
-    if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change more than is sought
+    if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change the cost by too much
         model, cost = fit.model, fit.cost
     for factor in THRESHOLD_FACTORS:
         for doublings in range(MOST_DOUBLINGS):
@@ -68,12 +67,12 @@ def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | Non
 def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return the best of fits restarted from one without the run that fits worst.
 
-    A run in a wrong initial state of hysteresis moves all numbers away from where its right one would be found. Where
-    that explains a stated share of what was unexplained, it is done again.
+    A run with a wrong initial state of hysteresis moves all parameters away from the minimum in which its right state
+    would be found. If the restart explains at least `SHARE` of the excess of chi^2, it is repeated.
     """
     dataset = fit.solution.problem.dataset
-    remembers = any(p.run and p.screen for p in fit.model.parameters())
-    if not fit.exceeds_noise or len(dataset.records) <= FEWEST_RUNS or not remembers:
+    has_initial_states = any(p.run and p.screen for p in fit.model.parameters())
+    if not fit.exceeds_noise or len(dataset.records) <= FEWEST_RUNS or not has_initial_states:
         return fit
     squares = [float(part @ part) for part in fit.solution.residuals]
     ratios = [total / len(part) for total, part in zip(squares, fit.solution.residuals, strict=True)]
@@ -86,10 +85,10 @@ def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
     if others is None:
         return fit
     model = others.problem.at(others.x)
-    begun = search_initial_states(task, dataset, model)
-    # Where the others fit no better, and no run begins elsewhere, nothing is to be gained.
-    if begun is model and sum(squares) - squares[place] - others.misfit <= SHARE * fit.excess:
+    initialised = search_initial_states(task, dataset, model)
+    # If the other runs fit no better, and no initial state changed, a restart would not help.
+    if initialised is model and sum(squares) - squares[place] - others.misfit <= SHARE * fit.excess:
         return fit
-    made = fit_model(task, begun, fit.effects)
-    better = fit if made is None else _better(fit, escape(task, made, ()))
+    restarted = fit_model(task, initialised, fit.effects)
+    better = fit if restarted is None else _better(fit, escape(task, restarted, ()))
     return leave_out_worst(task, better) if fit.cost - better.cost > SHARE * fit.excess else better

@@ -1,14 +1,14 @@
 """Score of every effect that might explain a residual, without fitting any of them.
 
 An effect at a trial strength moves the prediction by d (whitened). What the free parameters of the model can imitate is
-projected out, d' = d - J (J'J)^-1 J'd. chi^2 promises to fall by (d'e)^2 / d'd', with the residual e: the score
-statistic of Rao (1948) with a secant in the place of the derivative, so that effects with a threshold, whose derivative
-is zero at the null, are found as well. Hidden constants are tried on a grid. A sinusoid has two such columns in each
-run, as its phase is another in each.
+projected out, d' = d - J (J'J)^-1 J'd. With the residual e, the predicted reduction of chi^2 is (d'e)^2 / d'd'. It is
+the score statistic of Rao (1948) with a secant in place of the derivative, so that effects with a threshold, whose
+derivative is zero at the null, are found as well. Nonlinear parameters are tried on a grid. A sinusoid has two columns
+in each run, because its phase differs from run to run.
 
-The critical value of the largest score follows from the correlations between all d': without any effect the scaled
-scores are Gaussian with these correlations, so that the largest of them can be drawn (a bootstrap over the catalogue).
-Errors that are no Gaussian noise, as those of rounding, are drawn themselves.
+The critical value of the largest score follows from the correlations between all d'. Without any effect the scaled
+scores are Gaussian with these correlations, so that the largest score can be simulated (a parametric bootstrap over the
+catalogue). Errors that are not Gaussian, such as rounding, are simulated themselves.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
 #: The free parameters imitate an effect if less than this fraction of its squares is independent of them.
 INDEPENDENT_SHARE = 1e-8
-#: A move smaller than this, in shares of the data, is rounding.
+#: A change of the prediction smaller than this share of the data is rounding.
 NEGLIGIBLE_MOVE = 1e-12
-#: A promise counts only if the strength that it needs is no more than this many times that of the catalogue.
+#: A score counts only if its strength is no more than this many times that of the catalogue.
 LARGEST_EXTRAPOLATION = 300.0
 #: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
 #: parameters imitate is projected out to first order.
 LARGEST_MOVE = 3.0
-#: Strengths of a limit or a delay that are tried between those of its grid.
+#: Number of strengths of a limit or a delay that are tried between those of its grid.
 STRENGTHS_TRIED = 10
-#: Draws of chance, and the share of them whose largest score is the critical value that is continued to rarer ones.
+#: Number of simulations without any effect; and the level of their quantile, from which rarer ones are extrapolated.
 NULL_DRAWS, SIMULATED_LEVEL = 4000, 0.01
 
 
@@ -50,30 +50,29 @@ class Candidate:
     Parameters
     ----------
     name
-        Its name.
+        Name of the effect.
     add
         Returns a model with the effect in it.
     strength
-        Name of the number that is its strength.
+        Name of its strength: the parameter with a null.
     free
-        Names of all its numbers that a fit may move.
+        Names of all its free parameters, the strength among them.
     trials
-        Values of its numbers at which it is tried; the strength is among them.
+        Trial values of its parameters, the strength among them.
     phase
-        Name of the number that is the phase of a sinusoid, another in each run; empty if there is none.
+        Name of the parameter that is the phase of a sinusoid and differs from run to run; empty if there is none.
     signed
-        Whether the strength may be of either sign.
+        Whether the strength may have either sign.
     has_own_trials
-        Whether the strength is tried at values of its own, as a limit or a delay is: derivatives at its null mislead.
+        Whether the strength has trial values of its own, as a limit or a delay has: derivatives at its null mislead.
     like
-        Names of effects that it may be taken for.
+        Names of effects that are often confused with it.
     after
-        Name of the effect that must already be in the model: one that a model has several times; empty if there is
-        none.
+        For an effect that a model may have several times: the name of the one that must be in the model before; else
+        empty.
     trace
-        Returns the columns by which the effect shows in an observation whatever the rest of the model does, such as a
-        line at its frequency, n by k [response]; None for an observation that cannot show them. None if all that the
-        effect does to a prediction speaks for it.
+        Returns the columns that must be significant by themselves, such as a line at the frequency of a sinusoid, n by
+        k [response]; None for an observation that cannot show them. None for effects without such columns.
     """
 
     name: str
@@ -90,29 +89,29 @@ class Candidate:
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Names of the constants that do nothing at null strength and are tried at several positive values."""
+        """Names of the nonlinear parameters, which have no influence at null strength and have several trial values."""
         tried = {name: {values[name] for values in self.trials} for name in self.free if name != self.strength}
         return tuple(name for name, values in tried.items() if len(values) > 1 and min(values) > 0)
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What one trial does to the whitened prediction.
+    """The change of the whitened prediction by one trial.
 
     Parameters
     ----------
     candidate, values
-        The trial; its numbers, SI.
+        The effect, and its trial values, SI.
     move
-        The move of the prediction, whitened, record after record.
+        The change d of the prediction, whitened, record after record.
     projection
-        J' times the move.
+        J'd.
     projected_norm2, predicted_gain
-        d'd' and d'e.
+        d'd' and d'e, see the module.
     columns
-        How many columns stand behind it: two in each run for a sinusoid.
+        Number of columns that were fitted: two in each run for a sinusoid, else one.
     scale
-        The trial's strength over that of the catalogue.
+        Strength of the trial over that of the catalogue.
     """
 
     candidate: Candidate
@@ -126,28 +125,28 @@ class Direction:
 
     @property
     def best_step(self) -> float:
-        """How many times the trial's strength the residual asks for."""
+        """Multiple of the trial strength that minimises chi^2."""
         return self.predicted_gain / self.projected_norm2
 
     def can_have(self, step: float) -> bool:
-        """Tell whether a multiple of the trial's strength has a possible sign and is not far from the catalogue's."""
+        """Tell whether a multiple of the trial strength has a possible sign and is not far from the catalogue."""
         return (step > 0 or self.candidate.signed) and abs(step) * self.scale <= LARGEST_EXTRAPOLATION
 
     @property
     def reduction_as_it_is(self) -> float:
-        """By how much the cost would fall at the trial's own strength."""
+        """Predicted fall of the cost at the trial strength itself."""
         return 2.0 * self.predicted_gain - self.projected_norm2
 
     @property
     def start(self) -> dict[str, float]:
-        """Values from which a fit may begin."""
+        """Starting values of a fit."""
         if self.candidate.has_own_trials:
             return dict(self.values)
         return {**self.values, self.candidate.strength: self.values[self.candidate.strength] * self.best_step}
 
     @property
     def predicted_reduction(self) -> float:
-        """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
+        """Predicted fall of the cost, less the chance of additional columns; zero for an impossible strength."""
         if not self.can_have(self.best_step):
             return 0.0
         more = chdtri(self.columns, SIMULATED_LEVEL) - chdtri(1, SIMULATED_LEVEL)
@@ -155,14 +154,14 @@ class Direction:
 
 
 def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> float:
-    """Return the score of columns, each with an amount of its own in each record: by how much chi^2 would fall.
+    """Return the score of columns, each with its own coefficient in each record: the predicted fall of chi^2.
 
     Parameters
     ----------
     solution
         The fit.
     columns
-        For each record n by k [response]; None for one without any.
+        For each record n by k [response]; None for a record without columns.
     """
     dataset, projections, grams, gradients = solution.problem.dataset, list[Array](), list[Array](), list[Array]()
     for record, part, jacobian, residual in zip(
@@ -193,7 +192,7 @@ class Screening:
     candidates
         Effects that might be missing.
     coarse
-        Makes a model that predicts less exactly and faster.
+        Returns a model that predicts less exactly and faster.
     """
 
     def __init__(
@@ -208,10 +207,10 @@ class Screening:
         self.inverse = solution.covariance
         self.ends = np.cumsum([record.rows for record in problem.dataset.records])[:-1]
         self.residual = np.concatenate(solution.residuals)
-        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.dataset.records]
+        self.predicted = [np.asarray(self.model.predict(record.observation)) for record in problem.dataset.records]
         trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
-        found = problem.each(lambda trial: self._try(*trial), trials)
-        self.directions = [direction for direction in found if direction is not None]
+        directions = problem.each(lambda trial: self._try(*trial), trials)
+        self.directions = [direction for direction in directions if direction is not None]
 
     def _try(self, candidate: Candidate, values: Mapping[str, float]) -> Direction | None:
         """Return the direction of a trial; None where it cannot be simulated, or the free parameters imitate it."""
@@ -227,17 +226,17 @@ class Screening:
                 if scale < 1:
                     values = {**values, candidate.strength: values[candidate.strength] * scale}
                     move = self._move(model, values)
-                found = None if move is None else self._direction(candidate, values, move)
-                return None if found is None else replace(found, scale=scale)
+                direction = None if move is None else self._direction(candidate, values, move)
+                return None if direction is None else replace(direction, scale=scale)
         except (ArithmeticError, InputError):
             return None
 
     def _move(self, model: Model, values: Mapping[str, float]) -> Array | None:
-        """Return by how much an effect moves the prediction, whitened, record after record; None where not finite."""
-        dataset, there = self.solution.problem.dataset, model.replace(values)
+        """Return the change of the prediction by an effect, whitened, record after record; None where not finite."""
+        dataset, with_effect = self.solution.problem.dataset, model.replace(values)
         parts = list[Array]()
-        for record, before in zip(dataset.records, self.here, strict=True):
-            change = np.asarray(there.predict(record.observation)) - before
+        for record, before in zip(dataset.records, self.predicted, strict=True):
+            change = np.asarray(with_effect.predict(record.observation)) - before
             if not np.isfinite(change).all():
                 return None
             parts.append(dataset.whitened(record, change))
@@ -246,11 +245,11 @@ class Screening:
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
         projection = self.solution.project(np.split(move, self.ends))
-        whole = float(move @ move)
-        projected_norm2 = whole - float(projection @ self.inverse @ projection)
+        norm2 = float(move @ move)
+        projected_norm2 = norm2 - float(projection @ self.inverse @ projection)
         if (
-            whole <= (NEGLIGIBLE_MOVE * self.solution.problem.dataset.size) ** 2
-            or projected_norm2 < INDEPENDENT_SHARE * whole
+            norm2 <= (NEGLIGIBLE_MOVE * self.solution.problem.dataset.size) ** 2
+            or projected_norm2 < INDEPENDENT_SHARE * norm2
         ):
             return None
         return Direction(candidate, values, move, projection, projected_norm2, float(move @ self.residual))
@@ -275,8 +274,8 @@ class Screening:
         if size == 0:
             return None
         phases = {f"{n}:{candidate.phase}": math.atan2(c, s) for n, s, c in zip(names, sines, cosines, strict=True)}
-        found = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
-        return None if found is None else replace(found, columns=len(amounts))
+        direction = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
+        return None if direction is None else replace(direction, columns=len(amounts))
 
     def cosines(self, directions: Sequence[Direction]) -> Array:
         """Return the cosines between directions, after projection on the free parameters."""
@@ -289,18 +288,18 @@ class Screening:
         return np.asarray(inner / np.outer(length, length))
 
     def critical_value(self, level: float, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
-        """Return what the largest score exceeds with a probability if nothing is missing.
+        """Return the value that the largest score exceeds with a probability `level` if nothing is missing.
 
-        The quantile of a few thousand draws is continued to rarer ones as chi^2 of one degree of freedom falls off.
+        A quantile of a few thousand simulations is extrapolated with the tail of chi^2 of one degree of freedom.
 
         Parameters
         ----------
         level
             Family-wise probability.
         errors
-            Draws of what readings may be off by, by the name of the observation [response], if that is not Gaussian.
+            Simulated errors of the readings, by the name of the observation [response], if they are not Gaussian.
         seed
-            Of Gaussian draws.
+            Seed of the Gaussian simulations.
         """
         plain = [direction for direction in self.directions if direction.columns == 1]
         if not plain:
@@ -312,42 +311,41 @@ class Screening:
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(null_errors), np.maximum(null_errors, 0.0)).max(axis=1)
         single = float(np.quantile(largest**2, 1 - SIMULATED_LEVEL))
-        comparisons = SIMULATED_LEVEL / float(
-            chdtrc(1, single)
-        )  # this number of independent ones would be exceeded as often
+        # This number of independent scores would exceed that quantile as often.
+        comparisons = SIMULATED_LEVEL / float(chdtrc(1, single))
         return float(chdtri(1, level / max(comparisons, 1.0)))
 
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
-        """Return d'e over the length of d' for readings that are off by an error."""
+        """Return d'e over the length of d' for an error e of the readings."""
         dataset = self.solution.problem.dataset
         parts = [dataset.whitened(record, error[record.observation.name]) for record in dataset.records]
-        whole, projection = np.concatenate(parts), self.inverse @ self.solution.project(parts)
+        whitened, projection = np.concatenate(parts), self.inverse @ self.solution.project(parts)
         return np.array(
-            [(d.move @ whole - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]
+            [(d.move @ whitened - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]
         )
 
     def at_best_strength(self, direction: Direction) -> Direction:
-        """Return the direction of a limit or a delay at the strength that explains most as it is.
+        """Return the direction of a limit or a delay at the strength that lowers chi^2 most without scaling.
 
-        It is searched between the neighbouring trials (Brent 1973): beyond a threshold a limit changes nearly nothing,
-        and a little before it too much.
+        The strength is searched between the neighbouring trials (Brent 1973), because the change of a prediction is not
+        proportional to a limit: beyond a threshold it is nearly zero, and a little before the threshold too large.
         """
         candidate, name = direction.candidate, direction.candidate.strength
         tried = sorted({values[name] for values in candidate.trials})
         place = tried.index(direction.values[name])
         ends = tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)]
-        found = [direction]
+        directions = [direction]
 
-        def rise(logarithm: float) -> float:
-            made = self._try(candidate, {**direction.values, name: math.exp(logarithm)})
-            found.extend([] if made is None else [made])
-            return 0.0 if made is None else -made.reduction_as_it_is
+        def increase(logarithm: float) -> float:
+            tried_direction = self._try(candidate, {**direction.values, name: math.exp(logarithm)})
+            directions.extend([] if tried_direction is None else [tried_direction])
+            return 0.0 if tried_direction is None else -tried_direction.reduction_as_it_is
 
-        minimize_scalar(rise, bounds=np.log(ends), method="bounded", options={"maxiter": STRENGTHS_TRIED})
-        return max(found, key=lambda each: each.reduction_as_it_is)
+        minimize_scalar(increase, bounds=np.log(ends), method="bounded", options={"maxiter": STRENGTHS_TRIED})
+        return max(directions, key=lambda each: each.reduction_as_it_is)
 
     def best(self) -> list[list[Direction]]:
-        """Return for each candidate its directions, best first; the candidate that promises most first."""
+        """Return for each candidate its directions, best first; the candidate with the largest score first."""
         by_name: dict[str, list[Direction]] = {}
         for direction in sorted(self.directions, key=lambda direction: -direction.predicted_reduction):
             if direction.predicted_reduction > 0:
@@ -355,9 +353,9 @@ class Screening:
         return list(by_name.values())
 
     def pairs(self, most: int = 5) -> list[tuple[float, Direction, Direction]]:
-        """Return pairs of candidates with what they promise together, best first."""
+        """Return pairs of candidates with their joint score, best first."""
         cosines = self.cosines(self.directions)
-        made = []
+        pairs = []
         for i, j in itertools.combinations(range(len(self.directions)), 2):
             a, b, cosine = self.directions[i], self.directions[j], float(cosines[i, j])
             if a.candidate.name == b.candidate.name or 1 - cosine**2 < INDEPENDENT_SHARE:
@@ -365,8 +363,8 @@ class Screening:
             p, q = a.predicted_gain / math.sqrt(a.projected_norm2), b.predicted_gain / math.sqrt(b.projected_norm2)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
             if a.can_have(of_a / math.sqrt(a.projected_norm2)) and b.can_have(of_b / math.sqrt(b.projected_norm2)):
-                made.append((of_a * p + of_b * q, a, b))
+                pairs.append((of_a * p + of_b * q, a, b))
         best = dict[frozenset[str], tuple[float, Direction, Direction]]()
-        for pair in sorted(made, key=lambda pair: -pair[0]):
+        for pair in sorted(pairs, key=lambda pair: -pair[0]):
             best.setdefault(frozenset((pair[1].candidate.name, pair[2].candidate.name)), pair)
         return list(best.values())[:most]

@@ -1,8 +1,8 @@
-"""A model without physics: how much of the residual is explainable at all, as a sum of smooth functions.
+"""Sparse regression of a residual on smooth functions: an upper estimate of what can be explained without physics.
 
-Terms are taken up one by one, each time the one that lowers the cost most (orthogonal matching pursuit: Pati, Rezaiifar
-and Krishnaprasad 1993), while they lower it by more than chance does. What the model's own numbers can imitate is taken
-out of them first. The sum is judged on runs that the fit did not see.
+Terms are added one by one, each time the one that lowers the cost most (orthogonal matching pursuit: Pati, Rezaiifar
+and Krishnaprasad 1993), while it falls by more than chance explains. The part of a function that the free parameters of
+the model can imitate is projected out first. The sum is evaluated on the validation runs.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.prediction_change import without_offset
 
-#: Functions of what a model predicts of an observation, by name: n values each, of size one.
+#: Returns smooth functions for an observation and its prediction, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
-#: No more terms than these.
+#: Largest number of terms.
 MOST_TERMS = 10
-#: A function of which the model's own numbers leave less than this, in squares, is one that they can imitate.
+#: The free parameters can imitate a function if projection leaves less than this share of its squares.
 INDEPENDENT_SHARE = 1e-4
 
 
@@ -36,13 +36,13 @@ class SparseModel:
     Parameters
     ----------
     terms
-        Amounts of the terms, in the order in which they were taken up [response].
+        Coefficients of the terms, in the order in which they were added [response].
     gain, held_gain
-        Fall of the cost of what the fit saw, and of the validation runs.
+        Fall of the cost of the fitted runs, and of the validation runs.
     validation_rms
-        How large the sum is on the validation runs, rms [response].
+        Rms of the sum on the validation runs [response].
     shares
-        Share of the fall that each term brought.
+        Share of each term in the fall.
     """
 
     terms: Mapping[str, float]
@@ -53,43 +53,46 @@ class SparseModel:
 
 
 def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunctions) -> SparseModel:
-    """Return the sum of smooth functions that explains most of what a fitted model leaves."""
+    """Return the sum of smooth functions that explains most of the residual of a fitted model."""
     names, parts = _columns(task.identify, fit, features)
-    solution, seen = fit.solution, np.vstack(parts)
+    solution, columns = fit.solution, np.vstack(parts)
     projection, inverse = solution.project(parts), solution.covariance
-    gram = seen.T @ seen - projection.T @ inverse @ projection
-    predicted_gain = seen.T @ np.concatenate(solution.residuals)
-    own = np.diag(gram) > INDEPENDENT_SHARE * np.sum(seen**2, axis=0)
-    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, LEVEL / max(len(names), 1))))
+    gram = columns.T @ columns - projection.T @ inverse @ projection
+    predicted_gain = columns.T @ np.concatenate(solution.residuals)
+    is_independent = np.diag(gram) > INDEPENDENT_SHARE * np.sum(columns**2, axis=0)
+    chosen, gains = _pursuit(gram, predicted_gain, is_independent, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return SparseModel({}, 0.0, 0.0, 0.0, {})
-    amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
-    gain = float(amounts @ predicted_gain[chosen])
-    held, rms = _held(task, fit, features, chosen, amounts, inverse @ projection[:, chosen] @ amounts)
-    terms = {names[j]: float(coefficient) for j, coefficient in zip(chosen, amounts, strict=True)}
-    return SparseModel(terms, gain, held, rms, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
+    coefficients = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
+    gain = float(coefficients @ predicted_gain[chosen])
+    steps = inverse @ projection[:, chosen] @ coefficients
+    validation_gain, rms = _validate(task, fit, features, chosen, coefficients, steps)
+    terms = {names[j]: float(coefficient) for j, coefficient in zip(chosen, coefficients, strict=True)}
+    return SparseModel(
+        terms, gain, validation_gain, rms, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)}
+    )
 
 
 def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
-    """Return chi^2 of the fitted runs if smooth functions (`terms` of them) take the place of effects.
+    """Return chi^2 of the fitted runs with smooth functions (the `terms` of them) in place of effects.
 
-    The own numbers of the fit, which has no effects, move along their Jacobian.
+    The free parameters of the fit, which has no effects, are fitted with them along their Jacobian.
     """
     dataset = fit.solution.problem.dataset
-    names, seen = _columns(dataset, fit, features)
+    names, functions = _columns(dataset, fit, features)
     parts = list[Array]()
     for part in fit.solution.jacobian:
         whole = np.zeros((len(part.matrix), len(fit.solution.x)))
         whole[:, part.places] = part.matrix
         parts.append(whole)
     residual = np.concatenate(fit.solution.residuals)
-    columns = np.hstack([np.vstack(parts), np.vstack(seen)[:, [name in terms for name in names]]])
+    columns = np.hstack([np.vstack(parts), np.vstack(functions)[:, [name in terms for name in names]]])
     rest = without_columns(residual, columns)
     return float(rest @ rest)
 
 
 def without_columns(values: Array, columns: Array) -> Array:
-    """Return n values less the amounts of k columns (n by k) that explain them best."""
+    """Return n values less their least-squares fit by k columns (n by k)."""
     lengths = np.linalg.norm(columns, axis=0)
     unit = columns / np.where(lengths > 0, lengths, 1.0)
     return np.asarray(values - unit @ np.linalg.lstsq(unit, values, rcond=1e-10)[0])
@@ -99,19 +102,22 @@ def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tu
     """Return the names of smooth functions, and their whitened columns in each record."""
     names, parts = list[str](), list[Array]()
     for record in dataset.records:
-        made = features(record.observation, np.asarray(fit.model.predict(record.observation)))
-        names = list(made)
-        parts.append(dataset.whitened_columns(record, np.column_stack(list(made.values()))))
+        functions = features(record.observation, np.asarray(fit.model.predict(record.observation)))
+        names = list(functions)
+        parts.append(dataset.whitened_columns(record, np.column_stack(list(functions.values()))))
     return names, parts
 
 
-def _pursuit(gram: Array, predicted_gain: Array, own: Flags, critical_gain: float) -> tuple[list[int], list[float]]:
+def _pursuit(
+    gram: Array, predicted_gain: Array, is_independent: Flags, critical_gain: float
+) -> tuple[list[int], list[float]]:
+    """Return the functions that are added, and the fall of the cost by each."""
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
     for _ in range(MOST_TERMS):
         best, reached = -1, before
         for j in range(len(predicted_gain)):
-            if j in chosen or not own[j]:
+            if j in chosen or not is_independent[j]:
                 continue
             trial = [*chosen, j]
             inner = gram[np.ix_(trial, trial)]
@@ -130,31 +136,36 @@ def _pursuit(gram: Array, predicted_gain: Array, own: Flags, critical_gain: floa
     return chosen, gains
 
 
-def _held(
-    task: EstimationTask, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, steps: Array
+def _validate(
+    task: EstimationTask,
+    fit: FittedModel,
+    features: BasisFunctions,
+    chosen: list[int],
+    coefficients: Array,
+    steps: Array,
 ) -> tuple[float, float]:
-    """Return by how much the sum lowers the cost of the validation runs, and how large it is there.
+    """Return the fall of the cost of the validation runs by the sum, and the rms of the sum there.
 
-    The model's own numbers move with the sum as the fit lets them; the move of the prediction is found by a small one.
+    The free parameters change with the sum by `steps`; the change of the prediction is a directional difference.
     """
     dataset = task.validate
     if not dataset.records:
         return 0.0, 0.0
     where, x, step = fit.solution.problem.where, fit.solution.x, 1e-3
-    # A sum that the model's own numbers can imitate asks for moves without end: these stay where they are plausible.
+    # Steps towards a sum that the free parameters can imitate are without bound: they are clipped to plausible values.
     shifted = np.clip(x + step * steps, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
     shared = {n: v for n, v in where.values(shifted).items() if ":" not in n}
-    nudged = fit.model.replace(shared)
-    gained, sizes = 0.0, {True: np.zeros(2), False: np.zeros(2)}  # squares and count, with and without weights
+    shifted_model = fit.model.replace(shared)
+    gain, sizes = 0.0, {True: np.zeros(2), False: np.zeros(2)}  # squares and count, with and without weights
     for record in dataset.records:
-        here = np.asarray(fit.model.predict(record.observation))
-        made = list(features(record.observation, here).values())
-        added = sum(coefficient * made[j] for j, coefficient in zip(chosen, amounts, strict=True))
-        added = added + (np.asarray(nudged.predict(record.observation)) - here) / step
-        before, after = dataset.residual(record, here), dataset.residual(record, here + added)
+        predicted = np.asarray(fit.model.predict(record.observation))
+        functions = list(features(record.observation, predicted).values())
+        added = sum(coefficient * functions[j] for j, coefficient in zip(chosen, coefficients, strict=True))
+        added = added + (np.asarray(shifted_model.predict(record.observation)) - predicted) / step
+        before, after = dataset.residual(record, predicted), dataset.residual(record, predicted + added)
         if before is None or after is None:
             return 0.0, 0.0
-        gained += float(before @ before - after @ after)
-        free = without_offset(record, added, task.weights)
-        sizes[record.observation.name in task.weights] += float(free @ free), len(free)
-    return gained, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)
+        gain += float(before @ before - after @ after)
+        varying = without_offset(record, added, task.weights)
+        sizes[record.observation.name in task.weights] += float(varying @ varying), len(varying)
+    return gain, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)

@@ -65,19 +65,19 @@ def select(
     Parameters
     ----------
     task, fit
-        The runs, and the fit from which it starts.
+        The runs, and the fit from which the selection starts.
     candidates
         The catalogue.
     most
         Largest number of effects.
     confirmed
-        Steps that are known already, and the fits after them.
+        Steps of a preliminary selection that were confirmed, and the fits after them.
     expansion_points
         See `forward`; used at the first step.
     vary_step, vary
-        Return a step from a fit, and a fit, with strengths that differ from run to run where the runs call for that.
-        Of a fit that is asked when nothing more can be added: an effect that is missing may show in each run as another
-        strength of one that is there.
+        Return a step from a fit, and a fit, with strengths that differ from run to run if the runs call for that.
+        `vary` is called when nothing more can be added, because a missing effect may look like a different strength of
+        a present effect in each run.
     """
     steps, fits = list(confirmed[0]), list(confirmed[1])
     while True:
@@ -100,18 +100,18 @@ def select(
 
 
 def _nested(fits: Sequence[FittedModel]) -> list[FittedModel]:
-    """Return those of some fits whose effects are all in the last one; of fits with the same effects, the last."""
+    """Return the fits whose effects are all in the last one; of fits with the same effects, only the last."""
     by_effects = {frozenset(fit.names): fit for fit in fits if {*fit.names} <= {*fits[-1].names}}
     return list(by_effects.values())
 
 
 def _with_step(task: EstimationTask, fit: FittedModel, step: Step) -> FittedModel | None:
-    """Return the fit with what a step adds, and without effects that are superfluous then; None where nothing is."""
+    """Return the fit after a step, without effects that are then superfluous; None if the step adds nothing."""
     if step.chosen is None:
         return None
     doubtful = fit.names if len(step.chosen.names) == 1 else step.chosen.fit.names
     made = backward(task, step.chosen.fit, doubtful)
-    return None if {*made.names} == {*fit.names} else made  # what was added made itself superfluous
+    return None if {*made.names} == {*fit.names} else made  # the added effect itself was superfluous
 
 
 def _without_imitations(task: EstimationTask, steps: Sequence[Step], fits: list[FittedModel]) -> list[FittedModel]:
@@ -138,9 +138,10 @@ def _without_imitations(task: EstimationTask, steps: Sequence[Step], fits: list[
 def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of confounded effects, the one in the model first.
 
-    Effects that did as well when one was added are fitted in its place with all that were added later. So are those
-    that it is known to be taken for, if they explained as much but for `SHARE`: of approximations, a fit may be in a
-    local minimum, which is left first.
+    An effect that did as well at a step as the chosen one is fitted in its place, with all effects that were added
+    later. Next to an approximation, effects that are often confused with the chosen one are fitted in its place, too,
+    if they explained at least `1 - SHARE` of its share; their fits are restarted first, as they may be in a local
+    minimum.
     """
     groups = list[tuple[str, ...]]()
     for step in steps:
@@ -160,9 +161,9 @@ def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) ->
 def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], FittedModel]:
     """Return the steps and the fit with alternatives in the place of effects (sequential replacement: Miller 2002).
 
-    What was added first may have imitated two effects at once. Each alternative that was accepted at its step is fitted
-    roughly in its place with all that were added later, and the best of them to the end; BIC must prefer it by more
-    than what decides nothing, and its numbers must be plausible.
+    The first effect that was added may imitate two effects at once. Each alternative that was accepted at its step is
+    fitted roughly in its place, with all effects that were added later. The best of them is fitted to convergence, and
+    replaces the effect if BIC distinguishes the two fits and its parameters are within their plausible ranges.
     """
     steps = list(steps)
     for k, step in enumerate(steps):
@@ -186,7 +187,7 @@ def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step
 
 
 def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedModel) -> list[tuple[Candidate, Trial]]:
-    """Return the effects that trials of a step have in the place of one that it added, and the trial of each."""
+    """Return the effects that trials of a step have in place of one that the step added, and their trials."""
     partners = {*(step.chosen.names if step.chosen else ())} - {name}
     return [
         (effect, trial)
@@ -199,7 +200,7 @@ def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedMod
 def _in_place(
     task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial, *, roughly: bool = False
 ) -> FittedModel | None:
-    """Return the fit with another effect in the place of one, from the values that it had in a trial."""
+    """Return the fit with another effect in place of one, from the values that the other had in a trial."""
     effects = tuple(other if effect.name == name else effect for effect in fit.effects)
     task.progress(f"fitting with {other.name} in the place of {name}")
     model = with_other_effects(task, fit, effects, trial.fit.model)
@@ -207,7 +208,7 @@ def _in_place(
 
 
 def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> bool:
-    """Tell whether an effect in the place of another explains as much."""
+    """Tell whether a fit with an effect in place of another is indistinguishable from the fit."""
     made = _in_place(task, fit, name, other, trial)
     if made is not None and fit.exceeds_noise and not is_indistinguishable(fit, made):
         made = escape(task, made)
@@ -217,9 +218,9 @@ def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, other: Cand
 def add_together(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], most: int) -> Step | None:
     """Return a step that adds several effects, each with evidence given the others; None where there is none.
 
-    Where much is missing at once, the residual of a model with one further effect is so large and so correlated that
-    the fall of chi^2 may be chance. Effects are therefore added one after the other without being asked for evidence,
-    and then those are dropped, one by one, that have none given the others (Miller 2002, section 3.3).
+    If several effects are missing, the residual of a model with one of them is so large and so correlated that the fall
+    of chi^2 may be chance. Effects are therefore added one after the other without the check of evidence. Those without
+    evidence given the others are then dropped one by one (Miller 2002, section 3.3).
     """
     full, score = fit, 0.0
     while full.exceeds_noise and len(full.effects) < most:
