@@ -206,11 +206,14 @@ def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     first = accepted[0]
     alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
     close = [t for t in accepted if criterion.explained_share(t.error, first.error, task.noise_rms) < criterion.SHARE]
-    plausible = next(
-        filter(None, ([t for t in some if not relevant_ends(task, t.fit)] for some in (alike, close))), alike
-    )
+    plausible = _plausible(task, alike) or _plausible(task, close) or alike
     first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
     return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
+
+
+def _plausible(task: EstimationTask, trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials without a relevant parameter at the end of its plausible range."""
+    return [trial for trial in trials if not relevant_ends(task, trial.fit)]
 
 
 def is_indistinguishable(a: FittedModel, b: FittedModel) -> bool:
