@@ -32,7 +32,7 @@ class Match:
     rms
         Root mean square of measured less predicted less offset, SI.
     inflation
-        How many samples count as one because neighbours are correlated; 1 if the residual is white.
+        Number of correlated samples that count as one; 1 if the residual is white.
     """
 
     rms: float
@@ -41,20 +41,20 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model and what the data say about its parameters.
+    """A fitted model, with the estimates of its parameters.
 
     Parameters
     ----------
     model
-        The model with the best values, those among them that the data do not determine.
+        The model with the best values, also of parameters that the data do not determine.
     estimates
-        The verdict on each free parameter, in the order asked for.
+        The estimate of each free parameter, in the order of `free`.
     correlation
-        Of the free parameters' coordinates, in that order. Parameters in an open direction have no correlation.
+        Correlation matrix of their coordinates, in that order. Parameters in the null space have no correlation.
     matches
-        How well each observation is matched.
+        The match of each observation.
     starts
-        How the starts ended.
+        The results of the starts.
     evaluations
         Number of simulations.
     """
@@ -67,7 +67,7 @@ class Fit:
     evaluations: int
 
     def __getitem__(self, name: str) -> Estimate:
-        """Return the verdict on one parameter that was free."""
+        """Return the estimate of a free parameter by its name."""
         return {estimate.name: estimate for estimate in self.estimates}[name]
 
     @property
@@ -92,26 +92,26 @@ def fit(
     reveal: Mapping[str, str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Fit:
-    """Fit free parameters of a model to what was measured, and say which of them the data determine.
+    """Fit free parameters of a model to observations, and state which of them the data determine.
 
-    The noise is unknown: alike in all observations, its level and its colour are those of the residual. Each of them
-    has an unknown offset, which is linear and is eliminated exactly (Golub and Pereyra 1973), so that the parameters
-    carry its uncertainty. A model that fails at some values (numbers that are not finite, an ArithmeticError) is taken
-    to fit infinitely badly there.
+    The noise is unknown and the same in all observations; its level and its spectrum are those of the residual. Each
+    observation has an unknown offset, which is linear and is eliminated exactly (Golub and Pereyra 1973), so that the
+    intervals include its uncertainty. If the model fails at some values (numbers that are not finite, an
+    ArithmeticError), the cost there is infinite.
 
     Parameters
     ----------
     model, observations, free
-        The model, whose parameters' `start` are the present values; what was measured, for identification; and the
+        The model, with the present values as `start` of its parameters; the observations of role `identify`; and the
         names of the parameters to be fitted.
     known
-        Prior knowledge, Gaussian: values with standard deviations, SI; of parameters that are not free it is ignored.
+        Gaussian priors: means and standard deviations, SI; those of parameters that are not free are ignored.
     starts
-        How many starts may be followed.
+        Largest number of starts.
     profiles
-        Whether intervals are checked by profile likelihood: about five simulations per parameter where they are right.
+        Whether intervals are checked by profile likelihood: about five simulations per parameter if they are right.
     reveal
-        The experiment that would show a parameter, by its name, for the reasons given.
+        The experiment that would reveal a parameter, by its name; for the reason of an undetermined parameter.
     progress
         Receives the progress as text. An exception raised here, or Ctrl-C, ends the fit.
 

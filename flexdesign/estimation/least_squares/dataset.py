@@ -1,7 +1,7 @@
-"""A data set: observations with their noise, and the nuisance columns that may add to each.
+"""A data set: observations with their noise, and nuisance columns that may add to each.
 
-What enters linearly, such as an offset, is eliminated exactly by variable projection (Golub and Pereyra 1973); where
-something is known of its amount, as in ridge regression.
+Coefficients of nuisance columns, such as an offset, enter linearly and are eliminated exactly by variable projection
+(Golub and Pereyra 1973). Coefficients of known size are penalised as in ridge regression.
 """
 
 from __future__ import annotations
@@ -18,28 +18,29 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.noise.autoregressive import Whitening, estimate_autocorrelation
 
-#: A combination of columns this small, relative to the largest, is hidden.
+#: A combination of columns with a singular value below this share of the largest counts as zero.
 NULL_SPACE_TOLERANCE = 1e-10
-#: Residuals smaller than this share of the data are the simulator's rounding: costs do not differ there.
+#: Residuals smaller than this share of the data are rounding of the simulator: costs are equal there.
 SIMULATION_ROUNDING = 1e-7
-#: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
+#: Returns the nuisance columns of an observation (samples by k), and the standard deviation of the coefficient of each
+#: [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
 
 
 @runtime_checkable
 class ModelShapes(Protocol):
-    """Columns that follow from the numbers of a model: as many whatever these are."""
+    """Nuisance columns that depend on the parameters of a model; their number does not."""
 
     def __call__(self, observation: Observation) -> tuple[Array, Array]:
-        """Return the columns, samples by k, and how large each may be [response]."""
+        """Return the columns, samples by k, and the standard deviation of each coefficient [response]."""
 
     def at(self, model: Model) -> ModelShapes:
-        """Return the columns of a model; equal to these where they are the same."""
+        """Return the columns of a model; equal to these if nothing changes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One observation of n values, and what adds to it in an unknown amount.
+    """One observation of n values with its nuisance columns.
 
     Parameters
     ----------
@@ -50,12 +51,11 @@ class Record:
     present
         False at gaps.
     columns
-        What may add to it: n by k, SI.
+        Nuisance columns: n by k, SI.
     basis
-        Orthonormal basis of these columns, whitened, with a row for what is known of the size of each: n + k by k or
-        fewer.
+        Orthonormal basis of the whitened columns, with a row for the prior of each coefficient: n + k by k or fewer.
     amounts
-        Takes a vector of length n + k to the k amounts of the columns that it holds.
+        Matrix that takes a vector of length n + k to the k coefficients: k by n + k.
     """
 
     observation: Observation
@@ -92,9 +92,9 @@ class Dataset:
     observations
         Each of n values.
     noise
-        What turns residuals into independent numbers of variance one.
+        Whitens residuals to independent numbers of variance one.
     shapes
-        What may add to each observation in an unknown amount.
+        Returns the nuisance columns of an observation.
 
     Raises
     ------
@@ -108,20 +108,20 @@ class Dataset:
         parts = [self.whitened(record, record.measured) for record in self.records]
         #: Norm of the measured data, whitened.
         self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
-        #: Costs that differ by less differ by rounding.
+        #: Costs that differ by less are equal but for rounding.
         self.floor = (SIMULATION_ROUNDING * self.size) ** 2
 
     def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Dataset:
-        """Return the data set with other columns that may add to its observations, and perhaps with other noise."""
+        """Return the data set with other nuisance columns, and perhaps with other noise."""
         return Dataset([record.observation for record in self.records], noise or self.noise, shapes)
 
     def at(self, model: Model) -> Dataset:
-        """Return the data set with the columns that a model has."""
+        """Return the data set with the nuisance columns of a model."""
         shapes = self._shapes_at(model)
         return self if shapes == self.shapes else self.with_shapes(shapes)
 
     def record_at(self, record: Record, model: Model) -> Record:
-        """Return one of its records with the columns that a model has."""
+        """Return one of its records with the nuisance columns of a model."""
         shapes = self._shapes_at(model)
         return record if shapes == self.shapes else self._record(record.observation, *shapes(record.observation))
 
@@ -143,18 +143,18 @@ class Dataset:
 
     @property
     def nuisance_dof(self) -> float:
-        """Effective degrees of freedom of what may add to the records."""
+        """Effective degrees of freedom of the nuisance columns."""
         return float(sum(np.sum(record.basis[: len(record.measured)] ** 2) for record in self.records))
 
     def whitened(self, record: Record, difference: Array) -> Array:
-        """Return values (n, SI) whitened, gaps as zeros, and what may add to them taken out: `record.rows` values."""
+        """Return n values (SI) whitened, gaps as zeros, without the nuisance columns: `record.rows` values."""
         values = np.where(record.present, difference, 0.0)
         vector = self._whiten(record.observation, record.present, values[:, None])[:, 0]
         padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
         return np.asarray(padded - record.basis @ (record.basis.T @ padded))
 
     def whitened_columns(self, record: Record, columns: Array) -> Array:
-        """Return columns (n by k, SI) whitened, each by itself: `record.rows` by k."""
+        """Return columns (n by k, SI), each treated as by `whitened`: `record.rows` by k."""
         return np.column_stack([self.whitened(record, column) for column in columns.T])
 
     def residual(self, record: Record, predicted: Array) -> Array | None:
@@ -163,7 +163,7 @@ class Dataset:
         return self.whitened(record, difference) if np.isfinite(difference).all() else None
 
     def remainder(self, record: Record, predicted: Array) -> Array:
-        """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
+        """Return measured less predicted less the fitted nuisance columns, n values in SI; NaN at gaps."""
         difference = record.difference(predicted)
         vector = self._whiten(record.observation, record.present, difference[:, None])[:, 0]
         amounts = record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])])
@@ -172,7 +172,7 @@ class Dataset:
     def discrepancy(self, residuals: Sequence[Array]) -> float:
         """Return the reduced chi^2 of whitened residuals times the number of samples that count as one; at least one.
 
-        It is one where they are white noise. What no model explains is taken as coloured noise.
+        It is one if they are white noise. The unexplained residual is treated as coloured noise.
         """
         pairs = zip(self.records, residuals, strict=True)
         parts = [part[: len(record.measured)] for record, part in pairs]
@@ -189,7 +189,7 @@ class Dataset:
             raise InputError("runs", observation.name, None, "holds no finite value")
         whitened = self._whiten(observation, present, columns * present[:, None])
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
-        # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
+        # A column that is zero but in gaps, or a combination of others, is left out and has no coefficient of its own.
         lengths = np.linalg.norm(stacked, axis=0)
         lengths = np.where(lengths > 0, lengths, 1.0)
         unit = stacked / lengths

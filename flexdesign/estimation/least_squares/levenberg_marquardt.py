@@ -15,17 +15,17 @@ import numpy as np
 from flexdesign.core.arrays import Array, Flags
 from flexdesign.estimation.least_squares.residual_function import JacobianBlock, Problem
 
-#: A step that promises to lower chi^2 by less than this, times the discrepancy, is the last: it moves no number by a
-#: third of its standard deviation.
+#: A step with a predicted reduction of chi^2 below this, times the discrepancy, is the last: it changes no parameter by
+#: a third of its standard deviation.
 SMALL_REDUCTION = 0.1
 #: An updated Jacobian serves while the gain ratio, actual by predicted reduction, is at least this, and for this
 #: number of steps; it shows convergence if the gain ratio of the last step was between these.
 LEAST_GAIN_RATIO, MOST_UPDATES, CONVERGED_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
-#: Damping: where it begins, and what it is multiplied with after a good and a bad step.
+#: Damping: its first value, and its factors after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-3, 0.2, 8.0
-#: Damping that no longer matters.
+#: Damping without influence on a step.
 NEGLIGIBLE_DAMPING = 1e-9
-#: The search ends where the Jacobian was computed so often at one point without success.
+#: The search ends if the Jacobian was computed this number of times at one point without a better step.
 MOST_FAILURES = 2
 
 
@@ -36,14 +36,14 @@ class Effort:
     Parameters
     ----------
     jacobians
-        Largest number of times that the Jacobian is computed; with none, the fit uses the known one until the cost
+        Largest number of times that the Jacobian is computed; with zero, the fit uses the given one until the cost
         stops falling.
     share
-        A step that promises to lower chi^2 by less than this share of it is the last, too.
+        A step with a predicted reduction below this share of chi^2 is the last, too.
     is_exact
         Whether the Jacobian is computed once more at the end.
     holds_initial_states
-        Whether the initial states of runs are held until the other numbers have converged.
+        Whether the initial states of runs are held until the other parameters have converged.
     """
 
     jacobians: int = 20
@@ -54,22 +54,22 @@ class Effort:
 
 #: A fit to convergence; a rough fit that ranks candidates; and steps with the known Jacobian alone.
 FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
-#: The fit of the model's own numbers, whose steps are refined afterwards; and all steps of one Jacobian.
+#: The calibration, which is refined afterwards; and all steps of one Jacobian.
 CALIBRATION, FOLLOWING = Effort(is_exact=False), Effort(0, is_exact=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where the search ended.
+    """The point at which a search ended.
 
     Parameters
     ----------
     problem
-        What was solved.
+        The problem.
     x
-        The point; coordinates.
+        Coordinates of the point.
     cost
-        Sum of squares there.
+        Sum of squares at the point.
     residuals, jacobian
         Of each record; the Jacobian may be that of a point one short step away.
     normal
@@ -85,24 +85,24 @@ class Solution:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the coordinates, where the noise is as stated."""
+        """Covariance of the coordinates, for the stated noise."""
         return _inverse(self.normal)
 
     @property
     def misfit(self) -> float:
-        """Sum of squares of the residuals alone, the prior of the numbers left out."""
+        """Sum of squares of the residuals, without the priors of the parameters."""
         return sum(float(part @ part) for part in self.residuals)
 
     def columns(self) -> dict[str, list[Array | None]]:
-        """Return the Jacobian by the name of the number: a column for each record, or None where it does not act."""
-        found: dict[str, list[Array | None]] = {}
+        """Return the Jacobian by the name of the parameter: a column for each record, or None if it does not act."""
+        columns: dict[str, list[Array | None]] = {}
         for j, name in enumerate(self.problem.where.names):
             places = [np.flatnonzero(part.places == j) for part in self.jacobian]
-            found[name] = [
+            columns[name] = [
                 part.matrix[:, place[0]] if len(place) else None
                 for part, place in zip(self.jacobian, places, strict=True)
             ]
-        return found
+        return columns
 
     def project(self, parts: Sequence[Array]) -> Array:
         """Return J'v for a vector v, or for k vectors as columns, in parts, one for each record."""
@@ -131,8 +131,8 @@ def solve(
     old
         Columns of the Jacobian of a fit nearby, see `Problem.jacobian`; the search begins with them.
     small
-        A step that promises to lower the cost by less than this is the last, too; by default `SMALL_REDUCTION` times
-        the discrepancy, see `Dataset.discrepancy`.
+        A step with a predicted reduction below this is the last, too; by default `SMALL_REDUCTION` times the
+        discrepancy, see `Dataset.discrepancy`.
     """
     x = np.clip(start, problem.where.lower, problem.where.upper)
     if (residuals := problem.residuals(x)) is None:
@@ -141,10 +141,10 @@ def solve(
     if effort.holds_initial_states:
         search.hold_initial_states()
     if not effort.jacobians:
-        search.fresh = True  # where a step fails it is made shorter
+        search.fresh = True  # a step that fails is made shorter
         search.descend(effort.share)
     for left in reversed(range(effort.jacobians)):
-        # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
+        # An updated Jacobian may predict too small a reduction: if the fit must be exact, a new one decides.
         if search.descend(effort.share) and (search.fresh or not effort.is_exact):
             break
         if search.jacobians_here == MOST_FAILURES or not (left or effort.is_exact):
@@ -154,13 +154,13 @@ def solve(
 
 
 def linearise(problem: Problem, x: Array) -> Solution | None:
-    """Return a point as it is, with the Jacobian there; None where the model fails."""
+    """Return the solution at a given point, with the Jacobian there; None where the model fails."""
     residuals = problem.residuals(x)
     return None if residuals is None else _Search(problem, x, residuals, None, None).solution()
 
 
 def refine_minimum(solution: Solution, small: float) -> Solution:
-    """Return where further steps with the Jacobian of a solution lead, until they promise less than `small`."""
+    """Return the solution after further steps with its Jacobian, until the predicted reduction is below `small`."""
     search = _Search(solution.problem, solution.x, list(solution.residuals), solution.columns(), small)
     search.fresh = True
     search.descend(0.0)
@@ -168,7 +168,7 @@ def refine_minimum(solution: Solution, small: float) -> Solution:
 
 
 class _Search:
-    """Where a search stands: a point, its residuals, and a Jacobian that was computed there or updated."""
+    """State of a search: a point, its residuals, and a Jacobian that was computed there or updated."""
 
     def __init__(
         self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float | None
@@ -192,7 +192,7 @@ class _Search:
         self.fresh, self.is_undamped, self.jacobians_here = True, False, self.jacobians_here + 1
 
     def descend(self, share: float) -> bool:
-        """Take steps while the Jacobian is accurate; return whether less than this share can still be gained."""
+        """Take steps while the Jacobian is accurate; return whether the search has converged to a share of the cost."""
         for _ in range(MOST_UPDATES):
             enough = max(self.least_reduction, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
@@ -203,7 +203,7 @@ class _Search:
                 self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 continue
             if predicted_reduction <= enough and not self.is_undamped:
-                # Damping itself may keep promises small along a valley.
+                # Along a valley, damping itself may keep the predicted reduction small.
                 self.damping, self.is_undamped = NEGLIGIBLE_DAMPING, True
                 continue
             if predicted_reduction <= enough and self.held.any():
@@ -228,17 +228,17 @@ class _Search:
         return False
 
     def _least_reduction(self) -> float:
-        """Return what a step must promise."""
+        """Return the least predicted reduction of a step that is not the last."""
         if self.small is not None:
             return self.small
         return SMALL_REDUCTION * self.problem.dataset.discrepancy(self.residuals)
 
     def hold_initial_states(self) -> bool:
-        """Hold the initial states of runs; return whether that leaves other steps.
+        """Hold the initial states of runs; return whether that changes the next step.
 
-        They have kinks, where a hysteresis begins to move the other way, that no derivative shows. The other
-        coordinates are then moved by themselves, until they have converged (block coordinate descent: Bertsekas,
-        Nonlinear Programming, section 3.7).
+        The cost has kinks in the initial states, at which a hysteresis begins to move the other way, and no derivative
+        shows them. The other coordinates then converge by themselves (block coordinate descent: Bertsekas, Nonlinear
+        Programming, section 3.7).
         """
         if self.held.any() or not self.kinked.any():
             return False
@@ -246,7 +246,7 @@ class _Search:
         return True
 
     def _release(self) -> None:
-        """Let the initial states move again with the others, which have converged."""
+        """Release the initial states after the other coordinates have converged."""
         self.held, self.is_released = np.zeros(len(self.x), dtype=bool), True
         self.damping, self.is_undamped, self.jacobians_here = DAMPING, False, 0
 
@@ -255,8 +255,8 @@ class _Search:
         weighted = np.diag(self.normal) * step
         weighted = weighted / max(float(weighted @ step), 1e-300)
         for part, before, after in zip(self.jacobian, self.residuals, tried, strict=True):
-            missed = after - before - part.matrix @ step[part.places]
-            part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
+            error = after - before - part.matrix @ step[part.places]
+            part.matrix[:] += np.outer(weighted[part.places], error).T  # columns are contiguous in memory
         self.problem.symmetrise(self.jacobian)
         self.gain_ratio = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
@@ -266,7 +266,7 @@ class _Search:
         self.fresh, self.is_undamped, self.jacobians_here = False, False, 0
 
     def solution(self) -> Solution:
-        """Return where the search stands."""
+        """Return the present point as a solution."""
         residuals, jacobian = tuple(self.residuals), tuple(self.jacobian)
         return Solution(self.problem.at_solution(self.x), self.x, self.cost, residuals, jacobian, self.normal)
 
@@ -291,9 +291,9 @@ def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], res
 
 
 def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem, held: Flags) -> Array:
-    """Return the damped step within the bounds, of what is not held.
+    """Return the damped step within the bounds; held coordinates stay.
 
-    What would leave the bounds goes to its bound, and the rest makes up for that.
+    Coordinates that would leave the bounds go to the bound, and the step of the others is computed again.
     """
     lower, upper = problem.where.lower - x, problem.where.upper - x
     scale = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))

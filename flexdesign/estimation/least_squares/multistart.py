@@ -1,6 +1,6 @@
 """Local minima: least squares from several starting points, and initial states of runs from a grid.
 
-Where a hysteresis began is not in a record, and chi^2 has local minima there.
+The initial state of a hysteresis is not recorded, and chi^2 has local minima with respect to it.
 """
 
 from __future__ import annotations

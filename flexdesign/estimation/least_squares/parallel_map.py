@@ -1,7 +1,7 @@
-"""Simulations shared among threads: who asks for some of them makes them, too, and who has nothing to do helps.
+"""A parallel map that may be nested: the calling thread works, too, and idle threads help.
 
-A pool alone lets the asking thread sleep, and wakes it for every few milliseconds of work; and where several fits run
-at the same time, the last one runs alone. Here a fit may ask within a fit, and gets what threads are idle.
+With a pool alone the calling thread sleeps, and is woken for every few milliseconds of work; and if several fits run at
+the same time, the last one runs alone. Here a fit that runs in the map may itself call the map, and idle threads help.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ Made = TypeVar("Made")
 
 
 class ParallelMap:
-    """A `map` in order for several threads, which may be called from what it calls; it returns a list.
+    """A `map` over several threads that keeps the order, may be nested, and returns a list.
 
     Parameters
     ----------
     pool
-        As many threads.
+        The pool, of `threads` threads.
     threads
-        How many work at a time, that of the caller among them.
+        Number of threads that work at a time, with that of the caller.
     """
 
     def __init__(self, pool: ThreadPoolExecutor, threads: int) -> None:
         self.pool, self.idle = pool, Semaphore(threads - 1)
 
     def __call__(self, function: Callable[[Of], Made], items: Iterable[Of]) -> list[Made]:
-        """Return what the function makes of each; the caller works, and threads that are idle now help."""
+        """Return the results for all items; the calling thread works, and idle threads help."""
         given = list(items)
         made, places = dict[int, Made](), iter(range(len(given)))
 
@@ -61,10 +61,10 @@ class ParallelMap:
         return [made[place] for place in range(len(given))]
 
     def _wait_for(self, helping: list[Future[None]]) -> list[Future[None]]:
-        """Wait for others to end what they began, and return them; the place of this thread is meanwhile free.
+        """Wait for the helpers that have begun, and return them; meanwhile another thread may take this one's place.
 
-        For one that has not begun there is nothing left to do. To wait for it might be to wait for ever: for a thread
-        of the pool that itself waits for this one.
+        Helpers that have not begun are cancelled, as no work is left. To wait for one could be a deadlock: a thread of
+        the pool may itself wait for this one.
         """
         begun = [each for each in helping if not each.cancel()]
         for _ in range(len(helping) - len(begun)):

@@ -15,14 +15,14 @@ from flexdesign.core.model import Model, Parameter
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """The free parameters of a fit, as a vector without units of size.
+    """The free parameters of a fit as a vector.
 
     Parameters
     ----------
     parameters
         The free parameters, in the order of the vector; their `start` is the present value.
     known
-        The prior by name: value and standard deviation, SI.
+        Priors by name: mean and standard deviation, SI.
     lower, upper
         Bounds of the vector; the plausible ranges, possibly infinite.
     start
@@ -54,9 +54,9 @@ class Coordinates:
         return np.array([_derivative(p, float(c)) for p, c in zip(self.parameters, x, strict=True)])
 
     def sizes(self, x: Array) -> Array:
-        """Return how far each coordinate moves when its parameter changes by about itself.
+        """Return the change of each coordinate as its parameter changes by about itself.
 
-        A linear parameter near zero has no size of its own; it gets a tenth of its plausible range.
+        For a linear parameter near zero, a tenth of its plausible range.
         """
         tenth = np.where(np.isfinite(self.span), 0.1 * self.span, 0.0)
         own = [1.0 if p.scale == "log" else abs(c) for p, c in zip(self.parameters, x, strict=True)]
@@ -64,10 +64,10 @@ class Coordinates:
         return np.where(sizes > 0, sizes, 1.0)
 
     def sampled(self) -> tuple[Array, Array]:
-        """Return the box from which other starts are drawn.
+        """Return the lower and upper ends of the box from which other starts are drawn.
 
-        It is the plausible range; for a known parameter two standard deviations about what is known. Where the range
-        has no end the box reaches three times the present value on that side, a factor of ten for a logarithm.
+        The box is the plausible range; for a parameter with a prior, two standard deviations about its mean. On a side
+        without a bound it reaches three times the present value, or a factor of ten for a logarithm.
         """
         reach = np.array([math.log(10.0) if p.scale == "log" else 3.0 for p in self.parameters]) * self.sizes(
             self.start

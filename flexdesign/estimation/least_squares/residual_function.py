@@ -1,7 +1,7 @@
 """A model and a data set: whitened residuals and their derivatives, record by record.
 
-Numbers that act on one record alone (where it began, how late it was started) are many, and cost little: their
-derivatives ask for one record each, and the normal equations are filled block by block.
+Parameters that act on one record alone (its initial state, its trigger delay) are many, and cost little: their
+derivatives need one record each, and the normal equations are filled block by block.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from flexdesign.estimation.least_squares.parameter_transforms import Coordinates
 
 #: Applies a function to each item of a list, over threads perhaps.
 Map = Callable[..., Any]
-#: How far a finite difference should move the response, relative: between a simulator's error of 1e-7 and curvature.
+#: Relative change of the response by a finite difference: between the error of the simulator, 1e-7, and curvature.
 DIFFERENCE_STEP = 3e-4
 #: The same for central differences, whose error is of second order.
 CENTRAL_STEP = 3 * DIFFERENCE_STEP
@@ -32,7 +32,7 @@ FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 1e-4, 1e-7, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class JacobianBlock:
-    """Derivative of the residual of one record: rows by some of the coordinates, whose places are `places`."""
+    """Derivative of the residual of one record, rows by coordinates; `places` are the indices of the coordinates."""
 
     places: Places
     matrix: Array
@@ -60,14 +60,14 @@ class Problem:
     model
         The model.
     where
-        Its free parameters as coordinates; those that act on one run alone carry its name.
+        Its free parameters as coordinates; `Parameter.run` names the run of those that act on one run alone.
     each
         Maps simulations, over threads perhaps.
     central
-        Whether differences are central, at twice the price of forward ones: their error is then far below that of the
+        Whether differences are central, at twice the cost of forward ones: their error is then far below that of the
         simulator.
     count
-        Counter of predictions, shared with the problem that this one is made from; None for a new one.
+        Counter of predictions, shared with the problem from which this one is derived; None for a new one.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Problem:
 
     @property
     def evaluations(self) -> int:
-        """Number of predictions so far, those of problems made from this one among them."""
+        """Number of predictions so far, with those of problems derived from this one."""
         return self._count.total
 
     def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
@@ -125,19 +125,19 @@ class Problem:
         return self.model.replace(self.where.values(x))
 
     def symmetrise(self, jacobian: Sequence[JacobianBlock]) -> None:
-        """Make the derivatives of a number and of its twin in each run equal, as they are but for rounding.
+        """Make the derivatives of a parameter and of its twin in each run equal, as they are but for rounding.
 
-        Their priors distinguish them; with strong data, rounding errors would seem to do so.
+        Only their priors distinguish them. With precise data, rounding errors would seem to distinguish them, too.
         """
         for parameter in self.where.parameters:
             for record, part in zip(self.dataset.records, jacobian, strict=True) if parameter.twin else ():
                 name = f"{record.observation.name}:{parameter.twin}"
                 if name not in self.where.names:
                     continue
-                both = [self.where.names.index(each) for each in (parameter.name, name)]
-                mine, other = (int(np.flatnonzero(part.places == place)[0]) for place in both)
-                if part.matrix[:, mine].any():
-                    part.matrix[:, mine] = part.matrix[:, other]
+                twins = [self.where.names.index(each) for each in (parameter.name, name)]
+                own, other = (int(np.flatnonzero(part.places == place)[0]) for place in twins)
+                if part.matrix[:, own].any():
+                    part.matrix[:, own] = part.matrix[:, other]
 
     def residuals(self, x: Array) -> list[Array] | None:
         """Return the whitened residual of each record; None where the model fails."""
@@ -157,13 +157,13 @@ class Problem:
             return None
 
     def prior_residual(self, x: Array) -> Array:
-        """Return how many standard deviations each known number is from the prior."""
+        """Return the distance of each parameter with a prior from its mean, in standard deviations."""
         values = self.where.values(x)
         names = self.where.names
         return np.array([(values[names[j]] - middle) / sigma for j, middle, sigma in self._known])
 
     def prior_jacobian(self, x: Array) -> Array:
-        """Return the derivative of `prior_residual`: known numbers by coordinates."""
+        """Return the derivative of `prior_residual`: parameters with a prior by coordinates."""
         jacobian, rows = self.where.jacobian(x), np.zeros((len(self._known), len(x)))
         for row, (j, _, sigma) in enumerate(self._known):
             rows[row, j] = jacobian[j] / sigma
@@ -177,7 +177,7 @@ class Problem:
         return float(sum(part @ part for part in residuals) + prior_residual @ prior_residual)
 
     def cost_of(self, model: Model, x: Array) -> float:
-        """Return the sum of squares of another model with the same numbers; infinite where it fails."""
+        """Return the sum of squares of another model with the same parameters; infinite where it fails."""
         return self.cost(x, self._residuals(model))
 
     def _perturbed_residuals(
@@ -189,7 +189,7 @@ class Problem:
         return dict(zip(pairs, found, strict=True))
 
     def _perturbed_models(self, x: Array, places: Sequence[int], steps: Array) -> dict[int, Model]:
-        """Return for some coordinates the model with that one moved; those of different runs are moved together."""
+        """Return for each of some coordinates the model with a step of it; those of different runs share a model."""
         groups = dict[tuple[str, str | int], list[int]]()
         for j in places:
             parameter = self.where.parameters[j]
@@ -212,7 +212,7 @@ class Problem:
         x, residuals
             Where, and the residuals there.
         old
-            Columns that are known well enough, by the name of the number: one for each record, or None.
+            Columns that need not be computed, by the name of the parameter: one for each record, or None.
         """
         old = old or {}
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
@@ -220,7 +220,7 @@ class Problem:
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
         parts = self._perturbed_residuals(x, pairs, forward)
         if failed := {j for (_, j), part in parts.items() if part is None}:
-            # On the other side the model may not fail; where it does on both, nothing is known of this slope.
+            # The model may not fail on the other side; if it fails on both, the derivative is taken as zero.
             forward[list(failed)] *= -1.0
             parts |= self._perturbed_residuals(x, [pair for pair in pairs if pair[1] in failed], forward)
         opposite = dict[tuple[int, int], Array | None]()

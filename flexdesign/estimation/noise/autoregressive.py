@@ -15,7 +15,7 @@ from flexdesign.core.arrays import Array, Flags
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 
-#: Fewest samples from which a residual's correlation is judged: of fewer, Schwarz's criterion sees none below 0.33.
+#: Fewest samples from which a correlation is estimated: with fewer, Schwarz's criterion finds none below 0.33.
 FEWEST_SAMPLES = 30
 #: Fewest samples in each record for a coefficient: Schwarz's criterion holds for many more samples than coefficients.
 SAMPLES_PER_COEFFICIENT = 6
@@ -100,7 +100,7 @@ class Process:
 
     @cached_property
     def start(self) -> Array:
-        """What whitens the first p samples: lower triangular, p by p, each row the best prediction from those before.
+        """Lower triangular matrix (p by p) that whitens the first p samples: row k predicts sample k from those before.
 
         Its inverse is the Cholesky factor of their covariance matrix.
         """
@@ -113,7 +113,7 @@ class Process:
         return rows
 
     def autocorrelation(self, count: int) -> Array:
-        """Return the correlations at the lags 0, 1, ... count - 1: each follows from those before it (Yule-Walker)."""
+        """Return the exact correlations at the lags 0, 1, ... count - 1, by the Yule-Walker recursion."""
         found = np.ones(count)
         for lag in range(1, count):
             predictor = self.predictors[min(lag, self.order)][1:]
@@ -145,21 +145,24 @@ class Autocorrelation:
 
     @property
     def is_white(self) -> bool:
-        """Tell whether no correlation was found."""
+        """Whether no correlation was found."""
         return len(self.coefficients) == 1
 
     @cached_property
     def autocorrelation(self) -> Array:
-        """The correlations around a circle of 2n samples or more, lag 0 first, so that lags below n do not overlap."""
+        """The correlations at the lags 0, 1, ... of a periodic process of 2n samples or more, by FFT.
+
+        In contrast to `Process.autocorrelation` all lags cost O(n log n), and a root on the unit circle is no problem.
+        """
         length = next_fast_len(2 * self.samples, real=True)
         inverse = np.abs(rfft(self.coefficients, length)) ** 2
-        # Of a residual without noise a root lies on the unit circle, where this is zero: count rounding there.
+        # A residual without noise has a root on the unit circle, where `inverse` is zero but for rounding.
         covariance = irfft(1 / np.maximum(inverse, np.finfo(float).eps * inverse.max()), length)
         return np.asarray(covariance / covariance[0])
 
     @property
     def inflation(self) -> float:
-        """How many samples count as one: the sum of the squared autocorrelations over all lags (Bartlett 1946)."""
+        """Number of samples that count as one: the sum of the squared correlations over all lags (Bartlett 1946)."""
         return 1.0 if self.is_white else float(self.autocorrelation @ self.autocorrelation)
 
     def quadratic(self, columns: Array) -> Array:
@@ -171,7 +174,7 @@ class Autocorrelation:
 
 
 def estimate_autocorrelation(residual: Array) -> Autocorrelation:
-    """Return the colour of a residual (n) by Burg's recursion, of order 10 log10(n) at most as in the `ar` of R."""
+    """Return the correlation of a residual (n) by Burg's recursion, of order 10 log10(n) at most as in the `ar` of R."""
     n = len(residual)
     reflections = burg([residual], int(10 * np.log10(n))) if n >= FEWEST_SAMPLES else np.zeros(0)
     return Autocorrelation(Process(reflections, 1.0).coefficients, n)
@@ -207,7 +210,7 @@ def burg(records: Sequence[Array], highest_order: int) -> Array:
 
 
 class Whitening(Protocol):
-    """What turns noise into independent numbers of variance one."""
+    """A linear filter that makes noise white, of variance one."""
 
     def whiten(self, observation: Observation, residual: Array) -> Array:
         """Return the whitened residual.
@@ -215,7 +218,7 @@ class Whitening(Protocol):
         Parameters
         ----------
         observation
-            Where the residual comes from.
+            The observation of the residual.
         residual
             Samples by columns, SI, gaps as zeros; the result has the same shape and is linear in it.
         """
@@ -255,7 +258,7 @@ class ColouredNoise:
     def whiten(self, observation: Observation, residual: Array) -> Array:
         """Return the whitened residual, zero at gaps: values of the observation that are not finite.
 
-        After a gap the process starts anew, its past unknown.
+        After a gap the process starts with an unknown past.
 
         Raises
         ------
@@ -274,7 +277,7 @@ class ColouredNoise:
 
 
 def stretches(flags: Flags) -> list[tuple[int, int]]:
-    """Return where flags are up: the first index of each stretch and the index after its last.
+    """Return the stretches in which flags are true: the first index of each, and the index after its last.
 
     >>> stretches(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]

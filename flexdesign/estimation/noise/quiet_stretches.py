@@ -1,8 +1,8 @@
 """Quiet stretches of record: the noise process behind them, and sinusoids in it, such as mains hum.
 
-Each stretch has a trend of its own. Trends take low frequencies out of short stretches, so that a residual is quieter
-than the noise was. The restricted likelihood (REML) counts that (Patterson and Thompson 1971): it is the likelihood of
-what no trend can touch.
+Each stretch has its own trend. Trends remove low frequencies from short stretches, so that the residual is smaller than
+the noise. The restricted likelihood (REML) accounts for that (Patterson and Thompson 1971): it is the likelihood of the
+data with the trends projected out.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from flexdesign.estimation.noise.autoregressive import Process, burg
 
 #: Highest order of a noise process: sensors filter with a few poles, and each coefficient more slows every whitening.
 HIGHEST_ORDER = 16
-#: How near to one a reflection may come: an AR(1) then remembers ten thousand samples, the length of a usual record.
+#: Largest reflection coefficient: the correlation of an AR(1) then lasts ten thousand samples, as long as most records.
 LARGEST_REFLECTION = 1 - 1e-4
-#: Share of its squares that fading must be worth, or noise that is not quite autoregressive lets a strong sinusoid seem
-#: to fade: where the amplitude changes by a sixth either way it is a hundredth.
+#: Least share of the squares of a sinusoid that its fading must explain: noise that is not exactly autoregressive may let
+#: a strong sinusoid seem to fade. A hundredth corresponds to an amplitude that changes by a sixth either way.
 LEAST_FADING = 0.01
-#: Most sinusoids, and most peaks that are tried before each: what has more is no sinusoid with a few harmonics.
+#: Largest number of sinusoids, and of peaks that are tried before each: a disturbance and its harmonics have fewer.
 MOST_SINUSOIDS = 8
-#: A sinusoid turns at least so often in the longest stretch: slower ones are drift, which the trends take out in part.
+#: Fewest periods of a sinusoid in the longest stretch: slower ones are drift, which the trends remove in part.
 FEWEST_PERIODS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stretch of record that should hold nothing but noise.
+    """A stretch of a run without motion, which contains noise only.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Stretch:
     values
         n samples, SI.
     trend
-        What it may follow apart from noise: n by m, with orthonormal columns.
+        Functions of the trend: n by m, with orthonormal columns.
     """
 
     run: str
@@ -55,16 +55,16 @@ class Stretch:
 
     @property
     def residual(self) -> Array:
-        """The values, the trend taken out by ordinary least squares."""
+        """The values less the trend, by ordinary least squares."""
         return np.asarray(self.values - self.trend @ (self.trend.T @ self.values))
 
     @property
     def dof(self) -> int:
-        """Number of samples less those that the trend takes."""
+        """Number of samples less that of the functions of the trend."""
         return len(self.values) - self.trend.shape[1]
 
     def whitened(self, process: Process, columns: Array) -> Array:
-        """Return columns (n by k) whitened, and the whitened trend taken out of them by least squares."""
+        """Return columns (n by k) whitened, less the whitened trend by least squares."""
         both = process.whiten(np.column_stack([self.trend, columns]))
         trend, rest = both[:, : self.trend.shape[1]], both[:, self.trend.shape[1] :]
         basis = np.linalg.qr(trend)[0]
@@ -75,7 +75,7 @@ def estimate(stretches: Sequence[Stretch]) -> tuple[Process, float]:
     """Return the process whose restricted likelihood is largest, and the effective number of samples behind its rms.
 
     Of n effective samples, a standard deviation has the relative standard error 1 / sqrt(2 n). Burg's recursion gives
-    the order and where the search begins. All stretches have equally many trend columns; not all residuals are zero.
+    the order and the starting point. All stretches have equally many trend columns; not all residuals are zero.
     """
     reflections = burg([s.residual for s in stretches], HIGHEST_ORDER)
     likelihood = _Likelihood(stretches, len(reflections))
@@ -99,7 +99,7 @@ class _Likelihood:
         residuals = [s.residual for s in stretches]
         self.scale = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
         tables = [np.column_stack([r / self.scale, s.trend]) for r, s in zip(residuals, stretches, strict=True)]
-        self.beginnings = np.stack([table[:order] for table in tables])
+        self.first_rows = np.stack([table[:order] for table in tables])
         self.products = np.stack([self._lagged_products(table) for table in tables])
 
     def _lagged_products(self, table: Array) -> Array:
@@ -111,7 +111,7 @@ class _Likelihood:
         """Return the residual sum of squares and the log determinants."""
         process = Process(reflections, 1.0)
         weights = np.outer(process.coefficients, process.coefficients).ravel()
-        whitened = process.start @ self.beginnings
+        whitened = process.start @ self.first_rows
         grams = whitened.transpose(0, 2, 1) @ whitened
         grams += np.einsum("k,skp->sp", weights, self.products).reshape(grams.shape)
         trends, mixed = grams[:, 1:, 1:], grams[:, 1:, 0]
@@ -129,18 +129,18 @@ class _Likelihood:
         """Return the effective number of samples behind the process's rms, by the curvature at the optimum."""
         step = 1e-3  # small compared with the standard error of a coordinate, 1 / sqrt(n)
         steps = step * np.eye(len(at))
-        slope = np.array([np.log(self.process(at + m).rms / self.process(at - m).rms) for m in steps]) / (2 * step)
+        gradient = np.array([np.log(self.process(at + m).rms / self.process(at - m).rms) for m in steps]) / (2 * step)
         curvature = np.empty((len(at), len(at)))
         for (i, a), (j, b) in combinations_with_replacement(enumerate(steps), 2):
             corners = self(at + a + b) + self(at - a - b) - self(at + a - b) - self(at - a + b)
             curvature[i, j] = curvature[j, i] = corners / (4 * step**2)
         values, vectors = np.linalg.eigh(0.5 * curvature)
         information = np.maximum(values, 1.0)  # no direction is less certain than one observation makes it
-        variance = float(np.sum((vectors.T @ slope) ** 2 / information)) + 0.5 / self.dof
+        variance = float(np.sum((vectors.T @ gradient) ** 2 / information)) + 0.5 / self.dof
         return 0.5 / variance
 
     def __call__(self, at: Array) -> float:
-        """Return it, plus Jeffreys' prior 1 / rms for a given sigma, at inverse hyperbolic tangents of reflections.
+        """Return the objective with Jeffreys' prior 1 / rms, at inverse hyperbolic tangents of the reflections.
 
         The prior is needed: short stretches alone hardly distinguish slow noise from a random walk, whose rms is
         infinite.
@@ -156,7 +156,7 @@ class _Likelihood:
 
 @dataclass(frozen=True)
 class Sinusoid:
-    """A sinusoid: frequency [Hz] and amplitude [SI], the root of the mean square over the runs that hold it."""
+    """A sinusoid: frequency [Hz] and amplitude [SI], the rms over the runs that contain it."""
 
     frequency: float
     amplitude: float
@@ -164,7 +164,7 @@ class Sinusoid:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A fitted sinusoid, what it explains of the whitened squares, and the stretches without it."""
+    """A fitted sinusoid, the fall of the whitened sum of squares, and the stretches without it."""
 
     sinusoid: Sinusoid
     explained: float
@@ -174,9 +174,9 @@ class _Fit:
 def remove_sinusoids(stretches: Sequence[Stretch], period: float) -> tuple[tuple[Sinusoid, ...], tuple[Stretch, ...]]:
     """Find the sinusoids in quiet stretches, and return the stretches without them.
 
-    A peak that stands out of the median around it is fitted together with a noise process; it is a sinusoid if noise
-    exceeds its likelihood ratio less often than `LEVEL`. Within a run it keeps its phase; between runs it has
-    any. All stretches have the same sampling period [s].
+    A peak above the local median is fitted together with a noise process. It is a sinusoid if noise exceeds its
+    likelihood ratio with a probability below `LEVEL`. The phase is constant within a run, and free between runs. All
+    stretches have the same sampling period [s].
     """
     found, left = list[Sinusoid](), tuple(stretches)
     while len(found) < MOST_SINUSOIDS:
@@ -194,9 +194,9 @@ def _runs(stretches: Sequence[Stretch]) -> list[list[Stretch]]:
 
 
 def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
-    """Return the frequencies that stand out most [Hz], of the periodograms of all runs added up.
+    """Return the frequencies of the highest peaks [Hz] of the sum of the periodograms of all runs.
 
-    The sum over R runs of noise is distributed as Gamma(R); what it is expected to exceed somewhere is no candidate.
+    The sum over R runs of noise is distributed as Gamma(R); a level that noise is expected to exceed once is the limit.
     """
     from scipy.signal import find_peaks
 
@@ -222,14 +222,14 @@ def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
 
 
 def _local_median(power: Array, width: int) -> Array:
-    """Return the medians of blocks, interpolated: the middle of the first is the lowest frequency that is looked at."""
+    """Return the interpolated medians of blocks; the centre of the first is the lowest frequency of a peak."""
     width = min(width, len(power))
     blocks = power[: len(power) // width * width].reshape(-1, width)
     return np.interp(np.arange(len(power)), width * (np.arange(len(blocks)) + 0.5), np.median(blocks, axis=1))
 
 
 def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | None:
-    """Return the sinusoid at a peak [Hz]; None if noise, or a mode that dies away, explains the peak."""
+    """Return the sinusoid at a peak [Hz]; None if noise, or the decay of a mode, explains the peak."""
     frequency = _refine(stretches, peak, period)
     without = _fit(stretches, frequency, period, Process.white(1.0)).without
     process = Process(burg([s.residual for s in without], HIGHEST_ORDER), 1.0)
@@ -247,9 +247,9 @@ def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit
 
 
 def _refine(stretches: Sequence[Stretch], peak: float, period: float) -> float:
-    """Return the frequency at which a sinusoid explains most [Hz], within half a resolution of a peak.
+    """Return the frequency of the sinusoid that explains most [Hz], within half a resolution of a peak.
 
-    The peak alone is not precise: of a strong sinusoid it would leave a beat, which would seem to fade.
+    The peak alone is not precise: a strong sinusoid at its frequency would leave a beat, which would seem to fade.
     """
     resolution = 1 / (max(len(s.values) for s in stretches) * period)
     found = minimize_scalar(
@@ -263,7 +263,7 @@ def _refine(stretches: Sequence[Stretch], peak: float, period: float) -> float:
 def _fit(stretches: Sequence[Stretch], frequency: float, period: float, process: Process, fading: bool = False) -> _Fit:
     """Fit a sinusoid in each run by generalised least squares, together with the trends.
 
-    A `fading` one has an amplitude that falls or grows from minus one to one within each stretch.
+    The amplitude of a `fading` sinusoid grows from minus one to one within each stretch.
     """
     explained, without, squares = 0.0, list[Stretch](), list[float]()
     for run in _runs(stretches):

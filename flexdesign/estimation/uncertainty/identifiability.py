@@ -1,4 +1,4 @@
-"""Identifiability of each parameter: a number with its interval, or a sentence that says why there is none.
+"""Identifiability of each parameter: a value with its interval, or a sentence that says why there is none.
 
 Intervals are those of the covariance, checked and corrected by the profile likelihood.
 """
@@ -20,10 +20,10 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, re
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, value
 from flexdesign.estimation.uncertainty.intervals import Profile, Uncertainty, profile, quadratic, uncertainty
 
-#: An interval that covers this share of the plausible range, or of the prior, says nothing new: nearly all.
+#: An interval that covers this share of the plausible range, or of the prior, says nothing new.
 UNINFORMATIVE_WIDTH = 0.9
-#: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were
-#: known, would more than halve its interval, by sqrt(1 - 0.9^2).
+#: Parameters correlated more than this are named together if one of them is undetermined: its interval would be less
+#: than half as wide, sqrt(1 - 0.9^2), if the others were known.
 HIGH_CORRELATION = 0.9
 
 
@@ -36,13 +36,13 @@ class Estimate:
     parameter
         The parameter.
     value, sigma
-        The number and its standard deviation in SI; None if the data do not determine it. Where the interval is from
-        the profile likelihood, the standard deviation is that of a normal interval as wide.
+        The value and its standard deviation in SI; None if the data do not determine it. If the interval is from the
+        profile likelihood, the standard deviation is that of a normal interval as wide.
     interval
-        95 % interval in SI. Where the data only bound a parameter the other end is that of the plausible range; None
-        if they say nothing.
+        95 % interval in SI. If the data only bound a parameter on one side, the other end is that of the plausible
+        range; None if the data do not bound it.
     determined, reason
-        Whether the data determine it; and why not, or what its interval rests on, perhaps empty.
+        Whether the data determine the parameter; and why not, or the method of the interval; may be empty.
     confounded
         The parameters with which it is confounded.
     """
@@ -85,9 +85,9 @@ def estimates(
     Parameters
     ----------
     solution, uncertainty, minima
-        The fit, and where all its starts ended.
+        The fit, its covariance, and the points at which all its starts ended.
     profiles
-        The intervals of these coordinates, by their place; None in the null space.
+        The intervals of the coordinates, by index; None in the null space.
     """
     check = _Check(solution, uncertainty, profiles, minima)
     made = []
@@ -106,7 +106,7 @@ def estimates(
 
 
 class _Check:
-    """Looks for reasons not to report a number."""
+    """Reasons why a parameter has no value."""
 
     def __init__(
         self,
@@ -124,7 +124,7 @@ class _Check:
         self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
 
     def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
-        """Return why there is no number (empty if there is one), the interval if any, and the confounded parameters."""
+        """Return why there is no value (empty if there is one), the interval if any, and the confounded parameters."""
         parameter, profile = self.parameters[j], self.profiles[j]
         if profile is None or (self.uncertainty.in_null_space(j) and profile.open_low and profile.open_high):
             others, null = self.uncertainty.confounded_with(j), self.uncertainty.null_space
@@ -140,11 +140,11 @@ class _Check:
         if not others or not (reason or (profile.corrected and self._are_undetermined(others))):
             return reason, interval, ()
         sentence, names = self.confounded([j, *others], self.correlation[:, j]), tuple(self.names[i] for i in others)
-        # The end of a bent valley is not the end of the interval: another branch of it may lead further.
+        # The end of a bent valley is not the end of the interval: another branch may extend farther.
         return (sentence, None, names) if profile.corrected else (f"{reason}; {sentence}", interval, names)
 
     def too_wide(self, j: int, profile: Profile) -> tuple[str, tuple[float, float] | None]:
-        """Return why an interval says too little, and what it says nevertheless."""
+        """Return why an interval is too wide (empty if it is not), and the interval if it bounds the parameter."""
         parameter, interval = self.parameters[j], self.interval(j, profile)
         known = self.where.known.get(parameter.name)
         if known and self.sigma(j) > UNINFORMATIVE_WIDTH * known[1]:
@@ -210,14 +210,14 @@ class _Check:
         return sum(float(np.sum((a - b) ** 2)) for a, b in zip(found, self.solution.residuals, strict=True))
 
     def _are_undetermined(self, places: list[int]) -> bool:
-        """Tell whether some of these parameters have no number, and nothing was known of them."""
+        """Tell whether some of these parameters have neither a value nor a prior."""
         unknown = (
             (i, self.profiles[i]) for i in places if i in self.profiles and self.names[i] not in self.where.known
         )
         return any(profile is None or self.too_wide(i, profile)[0] for i, profile in unknown)
 
     def _is_equal_minimum(self, other: Array) -> bool:
-        """Tell whether a minimum fits alike although the parabola about this one says that it cannot."""
+        """Tell whether a distant minimum has an equal cost, against the parabola about this one."""
         allowed = self.uncertainty.quantile**2 * self.uncertainty.variance + self.floor
         distance, problem = other - self.solution.x, self.solution.problem
         if distance @ self.solution.normal @ distance <= 25 * allowed:
@@ -238,7 +238,7 @@ def _text(parameter: Parameter, number: float, sigma: float | None = None, digit
     return units.to_text(number, parameter.unit, digits, si=parameter.si)
 
 
-#: By place of the coordinate; None in the null space.
+#: Intervals by index of the coordinate; None in the null space.
 Profiles = dict[int, Profile | None]
 
 
@@ -249,19 +249,19 @@ def intervals(
     solution: Solution,
     names: Sequence[str],
 ) -> tuple[Estimate, ...]:
-    """Return what a fit says about some of its parameters: value, standard deviation, 95 % interval, identifiability.
+    """Return value, standard deviation, 95 % interval and identifiability of some parameters of a fit.
 
-    The residual counts as it is: where it is coloured or larger than the noise, as where physics is missing, intervals
-    are wider; where it is white and as large as the given noise they are the classical ones. Two predictions of all
-    records per parameter check the ends; more are made where these prove wrong. The fit is polished before, and
-    repeated where a better point is met on the way: the values are those of the best point.
+    If the residual is white and as large as the given noise, the intervals are the classical ones. If it is coloured or
+    larger, as it is if physics is missing, they are wider. Two predictions of all records per parameter check the ends;
+    more are made if an end is wrong. The fit is refined first, and repeated if a profile finds a better point: the
+    values are those of the best point.
 
     Parameters
     ----------
     solution
-        The fit. Its Jacobian may be approximate: it gives the covariance and the first guess of each end.
+        The fit. Its Jacobian may be approximate; it gives the covariance and the first estimate of each end.
     names
-        Of parameters; the others are nuisance parameters.
+        Names of the parameters; the others are nuisance parameters.
     """
     places = [solution.problem.where.names.index(name) for name in names]
     solution, found, made, _ = check_intervals(solution, places, _refine)
@@ -269,7 +269,7 @@ def intervals(
 
 
 def better_fit(solution: Solution, names: Sequence[str]) -> Solution | None:
-    """Return the fit to which a better point leads that the profile of some parameters meets; None if none is met."""
+    """Return the fit from a better point that the profile of some parameters finds; None if none is found."""
     places = [solution.problem.where.names.index(name) for name in names]
     best, _, _, is_better = check_intervals(solution, places, _refine)
     return best if is_better else None
@@ -277,7 +277,7 @@ def better_fit(solution: Solution, names: Sequence[str]) -> Solution | None:
 
 @lru_cache(maxsize=4)
 def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
-    """Return a fit whose numbers are right to 0.05 standard deviations, and its uncertainty."""
+    """Return a fit with values accurate to 0.05 standard deviations, and its uncertainty."""
     accuracy = 0.05**2 * uncertainty(near).variance
     polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
     return polished, uncertainty(polished)
@@ -289,9 +289,9 @@ def check_intervals(
     refine: Callable[[Solution], tuple[Solution, Uncertainty]],
     check: bool = True,
 ) -> tuple[Solution, Uncertainty, Profiles, bool]:
-    """Return a fit, its uncertainty, the intervals of some coordinates, and whether a better fit was met on the way.
+    """Return a fit, its uncertainty, the intervals of some coordinates, and whether the fit was repeated.
 
-    From a better point that a profile meets the fit is repeated, twice at most.
+    The fit is repeated from a better point that a profile finds, twice at most.
     """
     for refits in range(3):
         solution, found = refine(solution)
@@ -304,8 +304,8 @@ def check_intervals(
 
 
 def profiles_of(solution: Solution, found: Uncertainty, places: Sequence[int], check: bool = True) -> Profiles:
-    """Return the intervals of some coordinates, each end checked by a profile or not; None in the null space."""
-    # A coordinate that shows in no small step may show in a large one: a limit that the runs stay far below.
+    """Return the intervals of some coordinates, with the ends checked by profiles or not; None in the null space."""
+    # A coordinate without influence in small steps may have some in large ones: a limit far above all readings.
     chosen = [j for j in places if not found.in_null_space(j) or (check and not found.confounded_with(j))]
     make = profile if check else quadratic
     made = dict(zip(chosen, solution.problem.each(lambda j: make(solution, found, j), chosen), strict=True))

@@ -1,7 +1,7 @@
 """How well the data determine the coordinates: covariance, directions without information, and profile likelihood.
 
-The parameters minimise the sum of squared whitened residuals. Where the residual is white their covariance is the
-classical one. Where it is coloured (by the noise, or because physics is missing) neighbouring samples carry the same
+The parameters minimise the sum of squared whitened residuals. If the residual is white, their covariance is the
+classical one. If it is coloured (by the noise, or because physics is missing), neighbouring samples carry the same
 information, and the classical covariance is too small. Then the sandwich
 
     (J'J + P)^-1 (sum_i s_i^2 J_i' R_i J_i + P) (J'J + P)^-1
@@ -60,23 +60,23 @@ LEAST_RISE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """What the residual at the minimum says about the coordinates.
+    """Covariance of the coordinates at a minimum, and the quantities that intervals need.
 
     Parameters
     ----------
     covariance
-        Of the coordinates, without the null space.
+        Covariance of the coordinates, without the null space.
     inverse_hessian
-        (J'J + P)^-1: what the covariance would be if the residual were white of variance one.
+        (J'J + P)^-1: the covariance for a white residual of variance one.
     null_space
-        Directions that neither data nor prior knowledge determine, one a row: weights in coordinates scaled by their
-        influence, unit length.
+        Directions that neither data nor priors determine, one a row: weights in coordinates scaled by their influence,
+        of unit length.
     quantile
-        For intervals: Student's, or the normal one where the noise is given and explains the residual.
+        Quantile for intervals: Student's, or the normal one if the noise is given and explains the residual.
     variance
-        Of the whitened residual.
+        Variance of the whitened residual.
     inflation
-        How many samples count as one, for each record.
+        Number of samples that count as one, for each record.
     """
 
     covariance: Array
@@ -116,14 +116,14 @@ class Uncertainty:
 
 
 def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
-    """Return what is known about the coordinates at a minimum.
+    """Return the covariance of the coordinates at a minimum.
 
     Parameters
     ----------
     solution
         The minimum, with its Jacobian.
     known_variance
-        Of the whitened residual where the noise is given; None where it is unknown, and is taken from the residual.
+        Variance of the whitened residual if the noise is given; None if it is unknown and follows from the residual.
     """
     from scipy.special import chdtri, ndtri, stdtrit
 
@@ -134,26 +134,26 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
     counts = [len(record.measured) for record in records]
     residuals = [whole[:count] for whole, count in zip(solution.residuals, counts, strict=True)]
-    colours = [estimate_autocorrelation(residual) for residual in residuals]
-    scores = [c.quadratic(j[:count]) for c, j, count in zip(colours, jacobians, counts, strict=True)]
-    taken = [  # degrees of freedom that the fit takes from a record, with its nuisance columns
+    correlations = [estimate_autocorrelation(residual) for residual in residuals]
+    scores = [c.quadratic(j[:count]) for c, j, count in zip(correlations, jacobians, counts, strict=True)]
+    fitted_dof = [  # degrees of freedom that the fit takes from a record, with its nuisance columns
         float(np.sum(inverse_hessian * score)) + float(np.trace(c.quadratic(record.basis[:count])))
-        for c, score, record, count in zip(colours, scores, records, counts, strict=True)
+        for c, score, record, count in zip(correlations, scores, records, counts, strict=True)
     ]
-    inflation = np.array([colour.inflation for colour in colours])
+    inflation = np.array([correlation.inflation for correlation in correlations])
     samples = np.array([int(record.present.sum()) for record in records])
     chi2 = np.array([float(residual @ residual) for residual in residuals])
-    # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
-    left = np.maximum(samples - taken, 0.1 * samples)
-    pooled = float(chi2.sum() / left.sum())
+    # For a slowly varying residual all degrees of freedom may seem fitted; a tenth of them keeps variances finite.
+    residual_dof = np.maximum(samples - fitted_dof, 0.1 * samples)
+    pooled = float(chi2.sum() / residual_dof.sum())
     parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection)))
     parameters += solution.problem.dataset.nuisance_dof
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
-    is_white = all(colour.is_white for colour in colours)
+    is_white = all(correlation.is_white for correlation in correlations)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, MISFIT_LEVEL))
     variance = given if is_explained else pooled
-    variances = np.full(len(records), variance) if is_white else np.maximum(chi2 / left, given)
-    # What is known of nuisance columns and of parameters counts with the variance that it states.
+    variances = np.full(len(records), variance) if is_white else np.maximum(chi2 / residual_dof, given)
+    # Priors of nuisance columns and of parameters count with their own variance.
     known = np.vstack([prior, *(j[count:] for j, count in zip(jacobians, counts, strict=True))])
     score_covariance = known.T @ known + sum(v * score for v, score in zip(variances, scores, strict=True))
     upper = (1 + CONFIDENCE) / 2
@@ -168,24 +168,24 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
 
 
 def _decompose(data: Array, prior: Array) -> tuple[Array, Array, Array]:
-    """Return the projection that takes null directions out of a Jacobian, (J'J + P)^-1, and the null space.
+    """Return the projection that removes null directions from a Jacobian, (J'J + P)^-1, and the null space.
 
     The columns of J are scaled to length one, so that units do not matter; `prior` are rows of prior knowledge.
     """
     length = np.sqrt(np.diag(data))
     length = np.where(length > 0, length, 1.0)
     strength, axes = np.linalg.eigh(data / np.outer(length, length))
-    seen = strength > RANK_TOLERANCE**2 * strength.max(initial=1e-300)
-    strength, axes = strength[seen], np.where(np.abs(axes) < 1e-9, 0.0, axes)[:, seen]
+    is_determined = strength > RANK_TOLERANCE**2 * strength.max(initial=1e-300)
+    strength, axes = strength[is_determined], np.where(np.abs(axes) < 1e-9, 0.0, axes)[:, is_determined]
     projection = (axes / length[:, None]) @ (axes * length[:, None]).T
     root = np.vstack([np.sqrt(strength)[:, None] * (axes * length[:, None]).T, prior])
     scale = np.linalg.norm(root, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     _, singular, right = np.linalg.svd(root / scale)
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
-    good = singular > 1e-9
-    inverse = right[good] / scale / singular[good, None]
-    return projection, inverse.T @ inverse, right[~good]
+    has_rank = singular > 1e-9
+    inverse = right[has_rank] / scale / singular[has_rank, None]
+    return projection, inverse.T @ inverse, right[~has_rank]
 
 
 # --- profile likelihood ----------------------------------------------------------------------------------------------
@@ -238,12 +238,12 @@ class _Path:
         self.minimum, self.problem, self.j = solution, solution.problem, j
         self.others = np.array([i for i in range(len(solution.x)) if i != j], dtype=int)
         where, variance = self.problem.where, uncertainty.inverse_hessian[j, j]
-        if uncertainty.in_null_space(j):  # without influence nearby: no other follows, and the whole range is searched
+        if uncertainty.in_null_space(j):  # no influence near the minimum: the whole range is searched
             self.tangent = np.eye(len(solution.x))[j]
             self.half = math.inf if math.isfinite(where.span[j]) else float(where.sizes(solution.x)[j])
             self.expected = uncertainty.quantile**2 * uncertainty.variance
         else:
-            # Parameters of one run stay: the response is not smooth in its initial state.
+            # Parameters of single runs are held: the response is not smooth in initial states.
             shared = [parameter.run in ("", where.parameters[j].run) for parameter in where.parameters]
             self.tangent = np.where(shared, uncertainty.inverse_hessian[:, j] / variance, 0.0)
             self.half = float(uncertainty.half_width[j])
@@ -259,25 +259,26 @@ class _Path:
         x, where = float(self.minimum.x[self.j]), self.problem.where
         bound = float((where.lower if side < 0 else where.upper)[self.j])
         room = abs(bound - x)
-        if room == 0 or self.expected <= self.floor:  # only rounding is left to compare
+        if room == 0 or self.expected <= self.floor:  # costs would differ by rounding only
             return x + side * min(self.half, room), self.half >= room, False
-        # By distance from the minimum: the derivatives of all coordinates there; and by its logarithm the root of the
-        # relative rise, as a logarithm: a straight line where the cost is any power of the distance.
-        derivatives, met = {0.0: side * self.tangent}, dict[float, float]()
+        # By distance from the minimum: the derivatives of all coordinates. By the logarithm of distance: half the
+        # logarithm of the relative rise, which is a straight line if the cost is a power of the distance.
+        derivatives, computed = {0.0: side * self.tangent}, dict[float, float]()
         columns = {0.0: self.columns}
 
         def excess(at: float) -> float:
             distance = math.exp(at)
             if x + side * distance == x:  # without displacement no rise
                 return math.log(LEAST_RISE) / 2
-            if at not in met:
+            if at not in computed:
                 nearest = max(d for d in derivatives if d < distance)
                 guess = derivatives[nearest] * distance
                 increase, displacement, columns[distance] = self.cost_increase(side * distance, guess, columns[nearest])
-                found = math.log(min(max(increase / self.expected, LEAST_RISE), 1 / LEAST_RISE)) / 2
-                is_end = abs(found) <= PROFILE_ACCURACY or self.better is not None  # from there the fit is repeated
-                met[at], derivatives[distance] = (0.0 if is_end else found), displacement / distance
-            return met[at]
+                rise = math.log(min(max(increase / self.expected, LEAST_RISE), 1 / LEAST_RISE)) / 2
+                # From a better point the fit is repeated, so that the search may end there.
+                is_end = abs(rise) <= PROFILE_ACCURACY or self.better is not None
+                computed[at], derivatives[distance] = (0.0 if is_end else rise), displacement / distance
+            return computed[at]
 
         first = min(self.half, where.span[self.j] / 8, room)
         if first == self.half and abs(excess(math.log(first))) <= COVARIANCE_TOLERANCE:
@@ -289,11 +290,11 @@ class _Path:
         return x + side * math.exp(float(root)), False, True
 
     def cost_increase(self, displacement: float, guess: Array, columns: Columns) -> tuple[float, Array, Columns]:
-        """Return how far the profile rises above the minimum, the displacement of all coordinates, and the Jacobian.
+        """Return the rise of the profile above the minimum, the displacement of all coordinates, and the Jacobian.
 
-        The others take steps with a Jacobian from nearer to the minimum, each at the price of one simulation. Where
-        they end the cost can only be too high: if it is, they are fitted with a Jacobian found there, which then serves
-        further on; nearer to the minimum it would lead them astray.
+        The other coordinates take steps with a Jacobian from nearer to the minimum; each step costs one simulation. The
+        cost at their end can only be too high. If it is, they are fitted with a new Jacobian, which is also used
+        farther out, but not nearer to the minimum.
         """
         where, small = self.problem.where, PROFILE_ACCURACY * self.expected + self.floor
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
@@ -311,16 +312,16 @@ class _Path:
         return increase, x - self.minimum.x, columns
 
     def _above_minimum(self, x: Array, found: Solution) -> float:
-        """Move the others to where they were fitted, and return the cost there less the minimum's."""
+        """Set the other coordinates to their fitted values, and return the cost there less that of the minimum."""
         x[self.others] = found.x
         return self.problem.cost(x, list(found.residuals)) - self.minimum.cost
 
 
 def _bracket(excess: Callable[[float], float], first: float, last: float) -> tuple[float, float] | None:
-    """Return logarithms of distances between which the end is; None if it is beyond the last.
+    """Return logarithms of distances that bracket the end of an interval; None if it is beyond the last.
 
-    A long way outwards is gone in some steps of a factor of two, so that the others can follow where the valley bends;
-    one inwards, from a covariance that is far too wide, in steps of eight.
+    Steps outwards are factors of two, so that the other coordinates can follow a valley that bends. Steps inwards, from
+    a covariance that is far too wide, are factors of eight.
     """
     inside = outside = first
     if excess(first) < 0:
