@@ -1,4 +1,4 @@
-"""What a diagnosis says: the verdict and everything behind it."""
+"""The result of a diagnosis: the verdict, and the fits, residuals and trials that it rests on."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ class ErrorStep:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelResiduals:
-    """A model compared with the runs: what a diagnosis, an addition and a confrontation have in common.
+    """A model compared with the runs: the common part of a diagnosis, an added effect and a confrontation.
 
     Parameters
     ----------
     axis
-        The axis that was looked at.
+        Name of the axis.
     before, model
-        The stage model as it was, and with what was found.
+        The stage model as it was, and the fitted one with the named effects.
     runs, responses
-        The runs with their roles, as the axis sees them; and the frequency responses.
+        The runs of the axis with their roles; and the frequency responses.
     noise, lines
         The noise floor of the runs, and the noise of each frequency response by its name.
     residuals_by_run
-        The residual of each run by name, what its start explains taken out: ``calibrated`` without further effects, and
-        ``found`` [response].
+        The residual of each run by name, after its initial conditions are fitted: ``calibrated`` without effects that
+        were added, and ``found`` with them [response].
     error_ladder, noise_floor
-        Errors on the runs that judge, from the model as designed to this one; and the rms noise of these [response].
+        Errors of the scored runs, from the model as designed to this one; and the rms noise of these runs [response].
     """
 
     axis: str
@@ -64,10 +64,10 @@ class ModelResiduals:
 
 
 def compare_model(found: ModelResiduals, which: Which) -> Comparison:
-    """Compare the runs with one of the two models, as `diagnosis.comparison` does for a model as it is."""
-    left = cast("Mapping[str, Array]", found.residuals_by_run[which])
+    """Compare the runs with one of the two models, as `diagnosis.comparison` does with a given model."""
+    residuals_by_name = cast("Mapping[str, Array]", found.residuals_by_run[which])
     model = found.before if which == "calibrated" else found.model
-    responses = join_halves(found.responses, left, found.lines) if found.responses else ()
+    responses = join_halves(found.responses, residuals_by_name, found.lines) if found.responses else ()
     if not found.runs:
         return Comparison(model, found.axis, (), found.noise, (), (), 0.0, responses)
     runs = compared_runs(found, which)
@@ -88,7 +88,7 @@ def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, .
     """Return measurement and prediction of each run by one model, see `compare_model`."""
     if not found.runs:
         return ()
-    left = cast("Mapping[str, Array]", found.residuals_by_run[which])
+    residuals = cast("Mapping[str, Array]", found.residuals_by_run[which])
     stroke = measured_stroke(found.runs, found.axis)
     return tuple(
         RunComparison(
@@ -96,8 +96,8 @@ def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, .
             role=run.role,
             time=run.time,
             command=run.command(),
-            measured=np.where(np.isfinite(left[run.name]), run.measured(), np.nan),
-            predicted=_without_gaps(run.measured() - left[run.name]),
+            measured=np.where(np.isfinite(residuals[run.name]), run.measured(), np.nan),
+            predicted=_without_gaps(run.measured() - residuals[run.name]),
             noise_floor=found.noise.rms[run.name],
             stroke=stroke,
             remarks=tuple(run.remarks),
@@ -107,10 +107,10 @@ def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, .
 
 
 def _without_gaps(values: Array) -> Array:
-    """Return values with straight lines over their gaps: position and velocity are needed there, too."""
-    there = np.isfinite(values)
-    places = np.arange(len(values), dtype=float)
-    return np.asarray(np.interp(places, places[there], values[there]))
+    """Return values with linear interpolation over their gaps, where position and velocity are needed, too."""
+    is_present = np.isfinite(values)
+    indices = np.arange(len(values), dtype=float)
+    return np.asarray(np.interp(indices, indices[is_present], values[is_present]))
 
 
 Verdict = Literal["nothing-missing", "effects-found", "unknown"]
@@ -118,14 +118,14 @@ Verdict = Literal["nothing-missing", "effects-found", "unknown"]
 
 @dataclass(frozen=True)
 class Value:
-    """A fitted number with its 95 % interval, SI.
+    """The fitted value of a parameter with its 95 % interval.
 
     Parameters
     ----------
     parameter
-        What it is, and its unit.
+        The parameter.
     value, interval
-        The number and the interval.
+        Its value and the interval, SI.
     """
 
     parameter: Parameter
@@ -135,18 +135,18 @@ class Value:
 
 @dataclass(frozen=True)
 class IdentifiedEffect:
-    """An effect that the measurements call for.
+    """An effect that is named.
 
     Parameters
     ----------
     name
-        Of the effect.
+        Name of the effect.
     values
-        Its numbers; of one that differs from run to run the mean over the fitted runs.
+        Values of its parameters; for one that differs from run to run, the mean over the fitted runs.
     share
-        Of what was unexplained (in squares, above the noise) on the validation runs: how much it explains.
+        Share of the unexplained mean square (above the noise) of the validation runs that the effect explains.
     by_run
-        Its strength in each run, where it differs from run to run; empty where one number does for all.
+        Its strength in each run, if it differs from run to run; else empty.
     """
 
     name: str
@@ -162,17 +162,17 @@ class CandidateRecord:
     Parameters
     ----------
     names
-        The effect, or a pair of them.
+        Name of the effect, or of a pair of effects.
     present
-        The effects that were in the model then.
+        The effects that were already in the model.
     error
-        Root mean square error on the validation runs [response].
+        Root mean square error of the validation runs [response].
     share
-        Of what was unexplained on the validation runs before (in squares, above the noise): how much it explains.
+        Share of the previously unexplained mean square (above the noise) of the validation runs that it explains.
     evidence
-        Fall of the cost, whitened, in multiples of what chance gives.
+        Fall of chi^2 over its critical value.
     outcome
-        ``"added"``, or why it was not.
+        ``"added"``, or why it was not added.
     """
 
     names: tuple[str, ...]
@@ -190,15 +190,15 @@ class SelectionHistory:
     Parameters
     ----------
     nominal, calibration
-        The design, with initial conditions fitted; and with its own numbers fitted.
+        The fit of the initial conditions alone, with the design values; and the fit after calibration.
     fits
         The fit after each step that added effects.
     steps
-        What was tried at each step, the last one without success.
+        The steps with their trials; the last step added nothing.
     undetermined
-        The model's own numbers that these runs cannot show: they keep their design values.
+        Parameters that the runs do not determine: they keep their design values, defaults or fitted values.
     is_refused
-        Whether calibration made the validation runs worse, so that the design values were kept.
+        Whether calibration increased the validation error, so that the design values were kept.
     """
 
     nominal: FittedModel
@@ -219,52 +219,52 @@ class SelectionHistory:
         return self.levels[-1]
 
     def levels_to(self, named: FittedModel) -> tuple[FittedModel, ...]:
-        """Return the fits from the calibrated one to the one whose effects are named."""
+        """Return the fits from the calibrated one to `named`, whose effects are named."""
         place = next(i for i, fit in enumerate(self.levels) if {*named.names} <= {*fit.names})
         return (*self.levels[:place], named)
 
     def with_final(self, fit: FittedModel) -> SelectionHistory:
-        """Return the course with another last fit of the same effects."""
+        """Return the history with another last fit of the same effects."""
         return replace(self, fits=(*self.fits[:-1], fit))
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(ModelResiduals):
-    """What the measurements say about a stage model.
+    """The diagnosis of a stage model.
 
     Parameters
     ----------
     verdict
         Whether something is missing, and whether it is known.
     effects
-        What was named, in the order in which it was added; empty unless effects were found.
+        The named effects, in the order in which they were added.
     confusable
-        Groups of effects that these runs do not distinguish; one of each is among `effects`.
+        Groups of effects that these runs do not distinguish; one of each group is among `effects`.
     possible_effects
-        Effects that were added and are possible, but not certain enough to be named, each with the share that it
-        explains of the mean square which calibration leaves unexplained.
+        Effects that were added but are not named, each with the share that it explains of the mean square which
+        calibration leaves unexplained.
     candidates
-        Everything that was fitted.
+        All trials of the selection.
     calibration
-        The model's own numbers after the fit.
+        Fitted values of the parameters of the model itself.
     conflicts
-        Numbers that had to move by more than three standard deviations of the prior, in words.
+        Parameters that moved by more than three standard deviations of their prior, in words.
     validation_error
         Rms residual of the validation runs [response].
     sparse_model
-        What smooth functions would explain of the rest.
+        Smooth functions that explain most of the residual of the last fit.
     remainder
-        What stays above the noise, in words; empty if nothing does.
+        The residual above the noise, in words; empty if there is none.
     confidence
-        What weakens the verdict, in words; empty if nothing does.
+        Reasons that weaken the verdict, in words; empty if there are none.
     evaluations, seconds
-        How many predictions were made, and how long it took.
+        Number of predictions, and the time that the diagnosis took [s].
     remainder_rms
-        Rms residual above the noise of the runs that judge; zero if the model is adequate [response].
+        Rms residual of the scored runs above the noise; zero if the model is adequate [response].
     stroke, tolerance
-        Largest peak-to-peak reading of a run, and what matters [response].
+        Largest peak-to-peak reading of a run, and the change of a prediction that matters [response].
     undetermined
-        The model's own numbers that these runs cannot show: they keep their design values.
+        Parameters that the runs do not determine, see `SelectionHistory`.
     refusal
         Why the possible effects are not named, in words.
     """

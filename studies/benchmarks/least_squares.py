@@ -37,7 +37,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
     case_of,
     find_undetermined,
     simulating,
-    with_beginnings,
+    with_calibrated_conditions,
 )
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies
@@ -209,7 +209,7 @@ def tasks_of_case(number: int, seed: int) -> Iterator[Task]:
         fit = calibrate(task, start)
         if fit is None:
             return
-        task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
+        task = with_calibrated_conditions(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         if (fit := fit_model(task, fit.model)) is None:
             return
         every = candidates(dynamics, (), line_frequencies(data, fit))

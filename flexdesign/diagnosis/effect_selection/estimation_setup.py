@@ -1,6 +1,6 @@
-"""What a diagnosis fits: the model of an axis with numbers of its own for each run, the data sets, and the priors.
+"""The estimation problem of a diagnosis: the model of an axis with parameters for each run, data sets, and priors.
 
-The numbers of the model itself are fitted first (calibration), what finite elements know within its uncertainty.
+The parameters of the model itself are fitted first (calibration), those from finite elements within their uncertainty.
 """
 
 from __future__ import annotations
@@ -49,21 +49,20 @@ from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import Run
 
-#: Largest error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
-#: The rms error is about a tenth of the largest: chi^2 of ten thousand samples is then off by one.
+#: Largest error of a prediction, as a share of the noise; and its limits, as shares of the stroke. The rms error is a
+#: tenth of the largest or so: chi^2 of ten thousand samples is then off by one.
 PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
 #: for [s], or of a twentieth of a period of a slow mode.
 MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
 #: The same for the final values: many samples determine them far better than their noise.
 FINAL_PREDICTION_ERROR, MOST_FINAL_STEPS = 0.002, 64
-#: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is
-#: all there is: it would be late by many samples for the lag that the model lacks. Several that are all late share a
-#: delay.
+#: Largest trigger delay of a run, in standard deviations of its prior, in the model as designed and if there is only
+#: one run: otherwise the trigger delay would stand for a lag that the model lacks. Several runs may share a delay.
 PRIOR_BOUND = 4.0
-#: A plausible change of a number of which nothing is known, relative.
+#: Plausible relative change of a parameter without a prior.
 PLAUSIBLE_CHANGE = 0.3
-#: What is said where nobody stated what a command does between its samples, by what fits better than straight lines.
+#: Remarks if the intersample behaviour is not stated, by the behaviour that fits better than straight lines.
 INTERPOLATION_TEXTS = {
     "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
     "hold": (
@@ -75,7 +74,7 @@ INTERPOLATION_TEXTS = {
 
 @contextmanager
 def simulating(threads: int = 2) -> Iterator[ParallelMap]:
-    """Give a map shared among a number of threads; those of linear algebra would fight with them, on small matrices."""
+    """Yield a map over a number of threads; linear algebra has one thread, as more slow down small matrices."""
     with threadpool_limits(1), shared_pool(threads) as each:
         yield each
 
@@ -83,28 +82,27 @@ def simulating(threads: int = 2) -> Iterator[ParallelMap]:
 def choose_interpolation(
     model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
 ) -> DiagnosisData:
-    """Return the data set with what fits better between the samples of commands, where nobody said what they do.
+    """Return the data set with the intersample behaviour that fits better, for commands for which none is stated.
 
-    A measured command is smooth: straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass
-    for a lag or a further mode. A command that was sent is often held: straight lines are half a sample early, which
-    would pass for a delay.
+    A measured command is smooth: straight lines reduce a sine of frequency w by the factor (w h)^2 / 12, which looks
+    like a lag or a further mode. A command that was sent is often held: straight lines are half a sample early, which
+    looks like a delay.
     """
-    unsaid = [run for run in data.runs if not run.between_is_stated]
-    if not unsaid:
+    if all(run.between_is_stated for run in data.runs):
         return data
     progress("asking what commands do between their samples")
-    other, found = replace(data, runs=tuple(map(_otherwise, data.runs))), list[FittedModel]()
-    for tried in (data, other):
-        dynamics, task = case_of(model, tried, each, lambda _: None)
+    alternative, fits = replace(data, runs=tuple(map(_interpolated_otherwise, data.runs))), list[FittedModel]()
+    for variant in (data, alternative):
+        dynamics, task = case_of(model, variant, each, lambda _: None)
         if (fit := fit_model(task, dynamics, effort=CALIBRATION)) is None:
             return data
-        found.append(fit)
-    critical = INDISTINGUISHABLE * max(found[0].scale, 1.0)
-    return other if found[1].cost < found[0].cost - critical else data
+        fits.append(fit)
+    critical = INDISTINGUISHABLE * max(fits[0].scale, 1.0)
+    return alternative if fits[1].cost < fits[0].cost - critical else data
 
 
-def _otherwise(run: Run) -> Run:
-    """Return a run whose command is not straight between its samples, where nobody said what it does."""
+def _interpolated_otherwise(run: Run) -> Run:
+    """Return a run with a command that is not linear between its samples, unless the behaviour is stated."""
     if run.between_is_stated:
         return run
     shape: Literal["hold", "smooth"] = "hold" if run.command_is == "dac" else "smooth"
@@ -112,17 +110,17 @@ def _otherwise(run: Run) -> Run:
 
 
 def _from_rest(axis: AxisModel) -> AxisModel:
-    """Return an axis that begins as it was never driven; where each run came from is a number of its own."""
+    """Return an axis whose hysteresis starts at zero; the initial state of each run is a parameter of its own."""
     if "bouc_wen" not in axis.effects:
         return axis
     return replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": 0.0}})
 
 
 def correct_steps(of: AxisDynamics, runs: Sequence[Run], tolerance: float, each: Any) -> AxisDynamics:
-    """Return a model with predictions corrected by what finer steps change at its present values.
+    """Return a model with predictions corrected by their change with finer steps, at the present values.
 
-    Nearby the correction hardly differs, so that a fit has the accuracy of fine steps at the cost of its own (defect
-    correction: Stetter 1978, Numerische Mathematik 29, 425-443).
+    The correction hardly differs nearby, so that a fit has the accuracy of fine steps at the cost of coarse ones
+    (defect correction: Stetter 1978, Numerische Mathematik 29, 425-443).
     """
     plain, fine = replace(of, corrections={}), of.refined(tolerance).with_steps(MOST_FINAL_STEPS)
     changes = each(lambda run: fine.predict(run) - plain.predict(run), runs)
@@ -132,7 +130,7 @@ def correct_steps(of: AxisDynamics, runs: Sequence[Run], tolerance: float, each:
 def case_of(
     model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
 ) -> tuple[AxisDynamics, EstimationTask]:
-    """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
+    """Return the model of the axis, with parameters for each run, and the estimation task."""
     max_command = data.max_command
     stroke = stroke_of(data.axis, max_command)
     step = max(SHORTEST_STEP, 1 / (STEPS_PER_PERIOD * data.axis.natural_frequency))
@@ -148,7 +146,7 @@ def case_of(
         tolerance=exact,
         delay=model.controller.delay,
         finest=fine,
-        margin=1,  # the final values are found with far more steps
+        margin=1,  # the final values are fitted with far more steps
         apart=tuple(run.name for run in data.runs),
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * max_command) for run in data.runs),
@@ -169,7 +167,7 @@ def case_of(
         known=known,
         bare=lambda of: replace(dynamics, by_run=cast(AxisDynamics, of).by_run),
         tolerance=data.tolerance,
-        # Of slow samples few steps do in most cases: how many is found, up to the shortest that could be needed.
+        # Long sampling periods mostly need few steps: their number is found, up to the largest that may be needed.
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         finest=lambda of: correct_steps(cast(AxisDynamics, of), data.runs, at_last, each),
@@ -185,30 +183,32 @@ def case_of(
 
 
 def find_undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
-    """Return the free parameters that the runs cannot show: a plausible change moves no prediction by the tolerance.
+    """Return the parameters that the runs do not show: no plausible change alters a prediction by the tolerance.
 
-    A change is plausible within one standard deviation of the prior, or `PLAUSIBLE_CHANGE` without one. Numbers of
-    hysteresis are not asked: they act together.
+    A change is plausible within one standard deviation of the prior, or `PLAUSIBLE_CHANGE` without one. Parameters of
+    hysteresis are not tested, because they act together.
     """
-    known, found = task.known(dynamics), list[str]()
+    known, undetermined = task.known(dynamics), list[str]()
     for name in LINEAR_PARAMETERS:
         value = dynamics.axis.numbers[name]
         relative = min(known[name][1] / abs(value), PLAUSIBLE_CHANGE) if name in known else PLAUSIBLE_CHANGE
         after = dynamics.replace({name: value * (1 + relative)})
         if difference(task.identify, dynamics, after, task.weights) < task.tolerance:
-            found.append(name)
-    return tuple(found)
+            undetermined.append(name)
+    return tuple(undetermined)
 
 
-def with_beginnings(task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None) -> EstimationTask:
-    """Return the case with the initial conditions of a calibrated model, and of modes and slow effects added to it."""
+def with_calibrated_conditions(
+    task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None
+) -> EstimationTask:
+    """Return the task with the initial conditions of a calibrated model, and of modes and slow effects added to it."""
     calibrated = len(modes(model.axis))
 
     def prepared(own: EstimationTask, other: Model) -> EstimationTask:
-        its = cast(AxisDynamics, other)
-        if not relaxing(its.axis) and len(modes(its.axis)) == calibrated:
+        dynamics = cast(AxisDynamics, other)
+        if not relaxing(dynamics.axis) and len(modes(dynamics.axis)) == calibrated:
             return own
-        return with_initial_conditions(own, its, noise)
+        return with_initial_conditions(own, dynamics, noise)
 
     return replace(with_initial_conditions(task, model, noise), prepared=prepared)
 
@@ -218,18 +218,18 @@ def with_beginnings(task: EstimationTask, model: AxisDynamics, noise: Whitening 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedTask:
-    """A task with the fit of the model's own numbers, to which effects are added.
+    """A task with its calibrated model, to which effects are added.
 
     Parameters
     ----------
     task
-        The task, with the numbers that the runs can show, and the initial conditions of the calibrated model.
+        The task, with the free parameters that the runs show, and the initial conditions of the calibrated model.
     nominal, fit, calibrated
-        The model as designed, with its own numbers fitted, and the one of both that is kept.
+        The model as designed, the fit of its parameters, and the one of both that is kept.
     undetermined
-        The model's own numbers that the runs cannot show.
+        Parameters of the model that the runs do not show.
     is_refused
-        Whether calibration made the validation runs worse, so that the design values are kept.
+        Whether calibration increased the validation error, so that the design values are kept.
     """
 
     task: EstimationTask
@@ -241,7 +241,7 @@ class CalibratedTask:
 
     @property
     def origins(self) -> tuple[FittedModel, ...]:
-        """Where additions start from as well: at a gross misfit, parameters may have moved far to imitate an effect."""
+        """Further fits from which effects are added: at a gross misfit, calibration may have imitated an effect."""
         return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
 
 
@@ -251,7 +251,7 @@ def calibrate_task(
     dynamics: AxisDynamics,
     preliminary: SelectionHistory | None = None,
 ) -> CalibratedTask:
-    """Fit the model's own numbers.
+    """Fit the parameters of the model itself, and prepare the task for added effects.
 
     Raises
     ------
@@ -267,8 +267,8 @@ def calibrate_task(
         fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
     else:
         fit = fit_model(task, with_values(dynamics, preliminary.calibration.model))
-    if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
+    if fit is not None:  # the ringing of a mode follows from its calibrated frequency and damping
+        task = with_calibrated_conditions(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         fit = fit_model(task, fit.model)
     if fit is None:
         raise _not_simulated(dynamics)
@@ -280,16 +280,16 @@ def calibrate_task(
         and increase > INDISTINGUISHABLE * fit.discrepancy
     )
     if is_refused or fit.scale > GROSS_MISFIT:
-        nominal = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
+        nominal = evaluate_design(with_calibrated_conditions(task, dynamics, data.rounded(nominal)), nominal.model)
     calibrated = nominal if is_refused else fit
     task = replace(task, calibrated_excess=calibrated.excess)
     return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
 
 
 def evaluate_design(task: EstimationTask, model: Model) -> FittedModel:
-    """Return the fit of a model whose own numbers stay; only the initial conditions of the runs are fitted.
+    """Return a fit of the initial conditions alone, with the parameters of the model held.
 
-    Its Jacobian contains the free parameters all the same, so that a screening there knows what they can imitate.
+    Its Jacobian contains the free parameters of the model, too, so that screening can project them out.
 
     Raises
     ------
@@ -297,12 +297,11 @@ def evaluate_design(task: EstimationTask, model: Model) -> FittedModel:
         If the model cannot be simulated at the values it has.
     """
     task = task.prepared(task, model)
-    if (begun := fit_initial_states(task, task.identify, model)) is not None:
-        here = begun.problem.at(begun.x)
-        problem = task.problem(begun.problem.dataset, here, task.free)
+    if (initialised := fit_initial_states(task, task.identify, model)) is not None:
+        problem = task.problem(initialised.problem.dataset, initialised.problem.at(initialised.x), task.free)
         solution = linearise(problem, problem.where.start)
-        if solution is not None and (found := evaluate_fit(task, solution, ())) is not None:
-            return found
+        if solution is not None and (fit := evaluate_fit(task, solution, ())) is not None:
+            return fit
     raise _not_simulated(cast(AxisDynamics, model))
 
 
@@ -311,12 +310,12 @@ def _not_simulated(model: AxisDynamics) -> InputError:
 
 
 def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = None) -> FittedModel | None:
-    """Fit the model's own parameters from their present values.
+    """Fit the parameters of the model itself from their present values.
 
-    Where the design with the initial states that suit it explains more than that fit, it is another start. Samples of
-    the plausible ranges are none: measured on recordings of others they led to the same minimum.
+    If the design with fitted initial states explains more than that fit, the fit starts from there as well. Random
+    starts in the plausible ranges are not used: with measured recordings they led to the same minimum.
     """
-    found = solve_case(task, model, effort=CALIBRATION)
-    if nominal is not None and (found is None or nominal.cost < found.cost):
-        found = solve_case(task, nominal.model, effort=CALIBRATION) or found
-    return None if found is None else evaluate_fit(task, found, ())
+    solution = solve_case(task, model, effort=CALIBRATION)
+    if nominal is not None and (solution is None or nominal.cost < solution.cost):
+        solution = solve_case(task, nominal.model, effort=CALIBRATION) or solution
+    return None if solution is None else evaluate_fit(task, solution, ())

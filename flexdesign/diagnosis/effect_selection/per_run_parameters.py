@@ -1,13 +1,13 @@
-"""Numbers that differ from run to run: the rate of a drift, a temperature's effect, a payload that was changed.
+"""Strengths that differ from run to run: the rate of a drift, the effect of a temperature, a payload that was changed.
 
-The strength of an effect is one number for all runs at first. It may instead have a mean and a deviation in each run (a
-random effect, Laird and Ware 1982). What decides is what decides about effects, see `estimation.criterion`: the
-deviations must lower chi^2 of the fitted runs by more than chance allows for that number of parameters, the discrepancy
-of the model counted; on the validation runs, each with a deviation of its own, as it has initial conditions of its own,
-they must remove the stated share, and more than the tolerance.
+At first the strength of an effect has one value for all runs. It may instead have a mean and a deviation in each run (a
+random effect, Laird and Ware 1982). The checks are those of effects, see `estimation.criterion`. The deviations must
+lower chi^2 of the fitted runs by more than chance does with this number of parameters, times the discrepancy. Each
+validation run has its own deviation, as it has its own initial conditions; the deviations must remove the share `SHARE`
+of the unexplained mean square, and more than the tolerance.
 
-A slope of each run imitates anything slow. So that a deviation is not such an imitation, the one that is found in a
-half of a validation run must predict its other half (cross-validation, Stone 1974).
+A linear drift of each run can imitate anything slow. The deviation that is found in one half of a validation run must
+therefore predict the other half (cross-validation, Stone 1974).
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from flexdesign.measurements.recordings import Run
 
 @dataclass(frozen=True)
 class ByRun:
-    """A number that differs from run to run.
+    """A parameter that differs from run to run.
 
     Parameters
     ----------
     mean
-        Over the fitted runs.
+        Its mean over the fitted runs.
     runs
         Its value in each run, by name.
     """
@@ -61,7 +61,7 @@ class ByRun:
 
 
 def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return the fit with strengths that differ from run to run where the runs call for that; else itself."""
+    """Return the fit with strengths that differ from run to run if the runs call for that; else the same fit."""
     runs, tested = _runs(task, fit), _varying(fit)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
@@ -75,10 +75,10 @@ def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
 
 
 def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidates: Sequence[Candidate]) -> Step:
-    """Return a step of the selection in which what adds to the reading may differ from run to run from the beginning.
+    """Return a step of the selection in which effects that add to the reading may differ from run to run.
 
-    A drift whose mean over the runs is next to nothing explains next to nothing with one rate for all, and another
-    effect may be taken for it.
+    If the mean of a drift over the runs is near zero, it explains little with one rate for all runs, and another effect
+    may be named in its place.
     """
     runs = _runs(task, before)
     if not runs or not (before if step.chosen is None else step.chosen.fit).exceeds_noise:
@@ -98,13 +98,13 @@ def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidat
 
 
 def _varying(fit: FittedModel) -> list[Candidate]:
-    """Return the effects whose strength may differ from run to run: one that adds up, and that no run has already."""
-    found = []
+    """Return the effects whose strength may differ from run to run: linear ones without a parameter of each run."""
+    varying = []
     for effect in (effect for effect in fit.effects if not effect.has_own_trials):
         parameter = parameter_of(fit.model, effect.strength)
         if parameter.scale == "linear" and not parameter.twin:
-            found.append(effect)
-    return found
+            varying.append(effect)
+    return varying
 
 
 def _adds(candidate: Candidate) -> bool:
@@ -115,18 +115,19 @@ def _adds(candidate: Candidate) -> bool:
 
 
 def _runs(task: EstimationTask, fit: FittedModel) -> list[str]:
-    """Return the fitted runs, which may have numbers of their own; none where there are too few, or none to judge."""
+    """Return the fitted runs, which may have their own strengths; none if there are too few, or no validation runs."""
     apart = cast(AxisDynamics, fit.model).apart
-    seen, judging = ([name for name in data.names if name in apart] for data in (task.identify, task.validate))
-    return seen if len(seen) > 1 and judging else []
+    fitted, validated = ([name for name in data.names if name in apart] for data in (task.identify, task.validate))
+    return fitted if len(fitted) > 1 and validated else []
 
 
 def _score(
     fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str], common: float
 ) -> tuple[float, dict[str, float]]:
-    """Return by how much chi^2 would fall if each run had a value of its own (Rao 1948), and these values.
+    """Return the predicted fall of chi^2 if each run has its own value (score test: Rao 1948), and these values.
 
-    A column is the derivative of a record's residual by the number; that by a run's deviation is the same in that run.
+    A column is the derivative of the residual of a record by the strength; in each run it is also the derivative by the
+    deviation.
     """
     solution, size = fit.solution, len(runs)
     changes, own, gradient = np.zeros((size, len(solution.x))), np.zeros(size), np.zeros(size)
@@ -137,7 +138,7 @@ def _score(
             changes[k, jacobian.places] = jacobian.matrix.T @ column
             own[k], gradient[k] = column @ column, column @ residual
     curvature = np.diag(own) - changes @ solution.covariance @ changes.T
-    # The mean is among the numbers that are fitted already; rounding of it would pass for a deviation.
+    # The mean is a free parameter already; without a limit its rounding would look like a deviation.
     deviations = -np.linalg.pinv(curvature, rcond=1e-8, hermitian=True) @ gradient
     return -float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True))
 
@@ -145,7 +146,7 @@ def _score(
 def _with(
     task: EstimationTask, fit: FittedModel, candidate: Candidate, runs: Sequence[str], level: float
 ) -> FittedModel | None:
-    """Return the fit with an effect that differs from run to run; None where that is not called for."""
+    """Return the fit with an effect that differs from run to run; None if the runs do not call for it."""
     solution, values = fit.solution, candidate.trials[0]
     model = candidate.add(fit.model)
     try:
@@ -169,7 +170,7 @@ def _fit(
     name: str,
     own: Mapping[str, float],
 ) -> FittedModel | None:
-    """Return the fit in which a number differs from run to run, by about its own size: a weak prior."""
+    """Return the fit in which a strength differs from run to run, by about its own size (a weak prior)."""
     task.progress(f"asking whether {name} differs from run to run")
     values = np.array(list(own.values()))
     mean, size = float(values.mean()), float(np.sqrt(np.mean(values**2)))
@@ -181,9 +182,9 @@ def _fit(
 
 
 def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, name: str, level: float) -> bool:
-    """Tell whether fitted and validation runs call for values of their own."""
-    judges = task.scored or task.validate.names
-    errors = [fit.rms(judges, task.scales) for fit in (before, after)]
+    """Tell whether fitted and validation runs call for their own values of a strength."""
+    scored = task.scored or task.validate.names
+    errors = [fit.rms(scored, task.scales) for fit in (before, after)]
     own = [p.run for p in after.model.parameters() if p.name.endswith(f":{name}")]
     dof = [len({*own} & {*dataset.names}) for dataset in (task.identify, task.validate)]
     return (
@@ -198,9 +199,9 @@ def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, na
 
 
 def _predicted_gain(task: EstimationTask, fit: FittedModel, name: str) -> float:
-    """Return by how much chi^2 of a half of each validation run falls with the deviation that its other half has.
+    """Return the fall of chi^2 of each half of the validation runs with the deviation fitted to the other half.
 
-    Each half with the offset of the other one; all other numbers of the run are as they were fitted to it.
+    The offset is that of the other half, too; all other parameters of the run stay.
     """
     gain, model = 0.0, cast(AxisDynamics, fit.model)
     size = model.by_run[name]
@@ -209,28 +210,28 @@ def _predicted_gain(task: EstimationTask, fit: FittedModel, name: str) -> float:
         run = cast(Run, record.observation)
         if run.name not in deviations:
             continue
-        there = deviations[run.name]
-        change = np.asarray(model.replace({f"{run.name}:{name}": there + size}).predict(run)) - model.predict(run)
-        left = np.where(record.present, fit.residuals_by_run[run.name] + change * there / size, 0.0)
-        table = np.column_stack([np.ones_like(change), change, left])
+        deviation = deviations[run.name]
+        change = np.asarray(model.replace({f"{run.name}:{name}": deviation + size}).predict(run)) - model.predict(run)
+        residual = np.where(record.present, fit.residuals_by_run[run.name] + change * deviation / size, 0.0)
+        table = np.column_stack([np.ones_like(change), change, residual])
         halves = [_whiten(task, run, model.name, table, half) for half in _halves(change, record.present)]
-        for taught, asked in (halves, reversed(halves)):
-            known = np.vstack([taught, [0.0, 1.0, 0.0]])  # of a deviation its size is known
-            both = np.linalg.lstsq(known[:, :2], known[:, 2], rcond=None)[0]
-            offset = np.linalg.lstsq(taught[:, :1], taught[:, 2], rcond=None)[0]
-            with_it, without = asked[:, 2] - asked[:, :2] @ both, asked[:, 2] - asked[:, :1] @ offset
-            gain += float(without @ without - with_it @ with_it)
+        for fitted, predicted in (halves, reversed(halves)):
+            with_prior = np.vstack([fitted, [0.0, 1.0, 0.0]])  # a deviation has a prior
+            both = np.linalg.lstsq(with_prior[:, :2], with_prior[:, 2], rcond=None)[0]
+            offset = np.linalg.lstsq(fitted[:, :1], fitted[:, 2], rcond=None)[0]
+            after, before = predicted[:, 2] - predicted[:, :2] @ both, predicted[:, 2] - predicted[:, :1] @ offset
+            gain += float(before @ before - after @ after)
     return gain
 
 
 def _halves(change: Array, present: Flags) -> list[Flags]:
-    """Return which values are of each half: where a number moves the first half of a run's sum of squares."""
+    """Return the flags of two parts of a run, each with half the sum of squares of a change."""
     energy = np.cumsum(np.where(present, change - change[present].mean(), 0.0) ** 2)
     return [present & (energy <= energy[-1] / 2), present & (energy > energy[-1] / 2)]
 
 
 def _whiten(task: EstimationTask, run: Run, axis: str, table: Array, rows: Flags) -> Array:
-    """Return columns whitened as a record of a run with gaps wherever nothing is kept."""
+    """Return columns whitened as a run with gaps in all rows that are not kept."""
     part = replace(run, columns={**run.columns, axis: np.where(rows, run.measured(), np.nan)})
     return np.asarray(task.validate.noise.whiten(part, table * rows[:, None]))
 
@@ -239,9 +240,9 @@ def _whiten(task: EstimationTask, run: Run, axis: str, table: Array, rows: Flags
 
 
 def of_runs(task: EstimationTask, fit: FittedModel) -> dict[str, ByRun]:
-    """Return the numbers that differ from run to run, by name, with 95 % intervals.
+    """Return the parameters that differ from run to run, by name, with 95 % intervals.
 
-    Those of validation and test runs hold where all numbers that runs share are as they were fitted.
+    Intervals of validation and test runs are conditional on the fitted values of the parameters that runs share.
     """
     names = [name for name in cast(AxisDynamics, fit.model).by_run if name in fit.solution.problem.where.names]
     if not names:
@@ -267,7 +268,7 @@ def _by_run(fit: FittedModel, solutions: Sequence[Solution], name: str) -> ByRun
 
 
 def _value(fit: FittedModel, solution: Solution, name: str, deviation: str) -> Value:
-    """Return a number plus a run's deviation from it; the number itself may be one of the fit or as it is."""
+    """Return a parameter plus the deviation of a run; the parameter itself may be fitted or held in the solution."""
     where, parameter = solution.problem.where, parameter_of(fit.model, name)
     contrast = np.array([each in (name, deviation) for each in where.names], dtype=float)
     value = float(contrast @ solution.x) + (0.0 if name in where.names else float(parameter.start or 0.0))
@@ -276,7 +277,7 @@ def _value(fit: FittedModel, solution: Solution, name: str, deviation: str) -> V
 
 
 def with_means(fit: FittedModel) -> AxisDynamics:
-    """Return a fitted model with the means over the fitted runs, from which a weak prior may keep it a little."""
+    """Return a fitted model with strengths at their means over the fitted runs, without the shift by weak priors."""
     model = cast(AxisDynamics, fit.model)
     where = fit.solution.problem.where
     names = [name for name in model.by_run if name in where.names]

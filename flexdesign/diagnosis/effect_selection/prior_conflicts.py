@@ -31,7 +31,7 @@ from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 
-#: A run shows how late it began where that is known better afterwards, by this factor.
+#: A run determines its trigger delay if the fit reduces the standard deviation of the prior by this factor.
 SHOWN_DEVIATION = 0.5
 #: Sensors and amplifiers are out of calibration by percents. A gain beyond this factor, up or down, is a wrong unit, a
 #: wrong channel or physics that the model lacks.
@@ -40,22 +40,22 @@ CALIBRATION_LIMIT = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Conflict:
-    """A number that moved too far.
+    """A parameter beyond its prior.
 
     Parameters
     ----------
     words
-        Which, by how much, and how surely.
+        The parameter, its change and the significance, in words.
     group
-        Effects that it can represent; empty if none is known.
+        Effects that the change can represent; empty if none is known.
     named
         The first of these with its value; None if there is none.
     written
-        Returns the model with the effect in it and the number back where it was known to be.
+        Returns the model with the effect in it, and the parameter at its prior.
     number
-        Name of the number; empty if it was read off the recordings.
+        Name of the parameter; empty if the finding is from the readings themselves.
     rms
-        Of what it adds to the readings, if it was read off the recordings [response].
+        Rms of the change of the readings, if the finding is from the readings themselves [response].
     """
 
     words: str
@@ -67,7 +67,7 @@ class Conflict:
 
 
 def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
-    """Return the numbers that moved beyond their prior."""
+    """Return the parameters that moved beyond their prior, and what it may represent."""
     where = fit.solution.problem.where
     values, found = where.values(fit.solution.x), []
     small = _of_small_motions(fit, values)
@@ -82,15 +82,15 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
             found.append(Conflict(_structural(ratio), number=name))
             continue
         x, half = float(fit.solution.x[j]), fit.half_width(j)
-        # What it was before is known no better than that, whatever the runs say of what it is now.
+        # The uncertainty of the prior counts, too, however precisely the runs determine the present value.
         deviations = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - half, x + half)]
         wide = math.hypot(max(deviations), HALF_WIDTH * sigma / abs(middle) * ratio)
         ends = [ratio - wide, ratio + wide]
-        is_determined = not ends[0] <= 1 <= ends[1]  # else the runs do not say by how much it moved
+        is_determined = not ends[0] <= 1 <= ends[1]  # else the runs do not determine the change
         if is_determined and name == "natural_frequency" and far < 0:
             found.append(_frequency_shift(data, words, ratio, ends, is_stiffness=_follows(data, values)))
         elif is_determined and name == "gain":
-            if not _follows(data, values):  # else the softer support moved the gain as well
+            if not _follows(data, values):  # else a softer support changed the gain as well
                 found.append(_gain_shift(data, words, ratio, ends))
         else:
             found.append(Conflict(words, number=name))
@@ -99,10 +99,10 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
 
 
 def _of_small_motions(fit: FittedModel, values: Mapping[str, float]) -> dict[str, float]:
-    """Return natural frequency and gain as small motions show them with the effects that were added.
+    """Return natural frequency and gain for small motions, with the stiffness and hysteresis of the added effects.
 
-    The prior may count the stiffness of a spring, or the share of the gain that hysteresis holds back at first, which
-    an effect now states by itself.
+    The prior may include the stiffness of a spring, or exclude the part of the gain that hysteresis holds back in small
+    motions, while an added effect now states it separately.
     """
     model = cast(AxisDynamics, fit.model)
     added = {name: model.axis.effects[name] for name in fit.names if name in model.axis.effects}
@@ -130,8 +130,8 @@ def shown(
 ) -> tuple[tuple[Conflict, ...], list[Conflict]]:
     """Return which conflicts are reported, and which of these imply an effect.
 
-    Where a residual remains, an effect is implied, and columns are said to be shifted, where that explains much. That
-    an effect's number moved is reported all the same.
+    If the residual exceeds the noise, a conflict must explain much to imply an effect or shifted columns. A conflict of
+    an effect that is not implied is reported all the same.
     """
     beyond, implied = list[Conflict](), list[Conflict]()
     for conflict in found:
@@ -143,9 +143,9 @@ def shown(
 
 
 def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:
-    """Return whether a parameter moved beyond its prior explains much compared with the residual, as an effect must.
+    """Return whether a parameter beyond its prior explains much compared with the residual, as an effect must.
 
-    The fit is made again with the number held where it was known to be.
+    The fit is repeated with the parameter held at its prior.
     """
     rest = data.error(fit) ** 2 - data.known_noise_rms**2
     if not conflict.number:
@@ -162,9 +162,9 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
 
 
 def _follows(data: DiagnosisData, values: Mapping[str, float]) -> bool:
-    """Tell whether the gain rose as it does with a stiffness that lowers the natural frequency as far as it fell.
+    """Tell whether gain and natural frequency changed as with a lower stiffness: gain times frequency^2 is constant.
 
-    Only a gain beyond its prior speaks for that: k falls with the frequency's square, and x = F / k grows.
+    The stiffness falls with the square of the frequency, and x = F / k grows. The gain must be beyond its prior.
     """
     known = data.known
     if not {"gain", "natural_frequency"} <= known.keys():
@@ -182,8 +182,8 @@ def _follows(data: DiagnosisData, values: Mapping[str, float]) -> bool:
 def _frequency_shift(
     data: DiagnosisData, words: str, ratio: float, ends: list[float], *, is_stiffness: bool
 ) -> Conflict:
-    """Return what a lower natural frequency means: more mass, or less stiffness."""
-    # A known mass would have shown that the table's own is another.
+    """Return the conflict of a lower natural frequency: more mass, or less stiffness."""
+    # With a run of known payload, a change of the table's own mass would have been distinguished.
     is_mass = not (data.is_loaded or is_stiffness)
     group = (SHOWN_BY_MASS, "stiffness_loss") if is_mass else ("stiffness_loss",)
     name, numbers = group[0], [r**-2 - 1 if is_mass else 1 - r**2 for r in (ratio, *reversed(ends))]
@@ -202,7 +202,7 @@ def _frequency_shift(
 
 
 def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]) -> Conflict:
-    """Return what another gain means: that of the sensor, the amplifier, or the stack."""
+    """Return the conflict of another gain: that of the sensor, the amplifier, or the stack."""
     numbers, axis = [r - 1 for r in (ratio, *ends)], data.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
@@ -212,7 +212,7 @@ def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]
 
 
 def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
-    """Return what it means that all runs began late, a delay that none of them has of its own; or early."""
+    """Return the conflict of a trigger delay, or a lead, that all runs have in common; None if there is none."""
     where = fit.solution.problem.where
     sigma = np.sqrt(np.maximum(np.diag(fit.solution.covariance), 0.0))
     late, places, jitter = [], list[int](), 0.0
@@ -230,7 +230,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
             f"all runs began early, by {-1e3 * mean:.3g} ms in the mean: the reading answers before the command, so "
             "that their columns are shifted against each other"
         )
-        # What is not held acts half a sample earlier.
+        # A command that is linear between its samples acts half a sample earlier than a held one.
         if any(run.between_samples == "hold" and run.between_is_stated for run in data.runs):
             words += ", or the command was not held between its samples, as `between_samples` says"
         return Conflict(words, number=TRIGGER)
@@ -240,15 +240,15 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     if np.isclose(late, [high for _, high in limits], rtol=1e-6, atol=0.0).any():  # by how much is then unknown
         words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean, the most that is plausible"
         return Conflict(words, number=TRIGGER)
-    # Runs that jitter less than was feared determine their common delay better.
+    # Runs with less jitter than the prior determine their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
-    half = float(stdtrit(len(late) - 1, 0.975)) * error  # of a few runs the scatter itself is hardly known
-    # What they have in common, such as the error of the natural frequency, does not scatter.
+    half = float(stdtrit(len(late) - 1, 0.975)) * error  # a few runs hardly determine the scatter
+    # Common errors, such as that of the natural frequency, do not scatter between runs.
     average = np.zeros(len(where.names))
     average[places] = 1 / len(places)
     half = max(half, fit.half_width_of(average))
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
-    # Behind the stack only the sensor can be late.
+    # If the command is the voltage at the stack, only the sensor can have a delay.
     effect, number = ("sensor_delay", SENSOR_DELAY) if data.is_at_stack else ("transport_delay", DELAY)
     parameter = parameter_of(fit.model, number)
     total = (parameter.start or 0.0) + mean
@@ -260,7 +260,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
 
 
 def _quantisation(data: DiagnosisData) -> Conflict | None:
-    """Return what it means that readings come in coarse steps."""
+    """Return the conflict of readings in coarse steps; None if they are not."""
     step = data.coarse_step
     if step is None:
         return None

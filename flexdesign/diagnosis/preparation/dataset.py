@@ -1,4 +1,4 @@
-"""What is diagnosed, and how well things are known: runs and frequency responses with roles, noise, tolerance."""
+"""The data of a diagnosis: runs and frequency responses with roles, noise, priors and tolerance."""
 
 from __future__ import annotations
 
@@ -24,44 +24,44 @@ from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, li
 from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
 
-#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less or the noise
-#: is unknown; a residual below the latter then counts as none.
+#: An effect must change a prediction by this share of the noise, or of the stroke if that is less or the noise is
+#: unknown. If the noise is unknown, a residual below the latter counts as zero.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
-#: How often rounding is drawn, to learn what chance makes of it.
+#: Number of simulations of rounding, for its critical value.
 ROUNDING_DRAWS = 400
-#: The largest command of an axis of which nobody said how far it may be driven [V].
+#: The largest command of an axis without a stated limit [V].
 UNLIMITED_COMMAND = 100.0
-#: Number of values that are searched; runs of more than `LONG_RUNS` values in all are cut.
+#: Number of values of a preliminary search, for which runs of more than `LONG_RUNS` values in all are truncated.
 SAMPLES_SEARCHED, LONG_RUNS = 12_000, 40_000
 
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisData:
-    """What is diagnosed, with what, and how well things are known.
+    """The data of a diagnosis of one axis.
 
     Parameters
     ----------
     name, axis
-        The axis.
+        Name and model of the axis.
     runs
-        With roles, seen by this axis.
+        Runs of this axis, with roles.
     noise
         The noise floor.
     tolerance
-        What an effect must move [response].
+        Least change of a prediction by an effect [response].
     known
-        What is known of the model's own numbers.
+        Priors of the parameters of the model itself: mean and standard deviation, SI, by name.
     responses
-        Frequency responses with roles, seen by this axis.
+        Frequency responses of this axis, with roles.
     lines
-        The noise of each of these, by name.
+        The noise of each frequency response, by name.
     default_limit
-        What `tolerance` is where nobody said [response].
+        The default of `tolerance` [response].
     is_asked
-        Whether somebody said what matters: then a residual below the tolerance counts as none.
+        Whether the user stated the tolerance: then a residual below it counts as zero.
     stroke
-        What percentages of the stroke refer to: the largest peak-to-peak reading of a run, or of frequency responses
-        alone the size of their lines [response]. It does not depend on the gain of the model, which may be wrong.
+        The largest peak-to-peak reading of a run, or of frequency responses alone the size of their lines [response].
+        It does not depend on the gain of the model, which may be wrong.
     """
 
     name: str
@@ -83,7 +83,7 @@ class DiagnosisData:
 
     @property
     def whitening(self) -> Whitening:
-        """What whitens runs and frequency responses."""
+        """Whitening of runs and frequency responses."""
         return Mixed(self.noise.whitening, self.lines) if self.lines else self.noise.whitening
 
     @property
@@ -112,16 +112,21 @@ class DiagnosisData:
         return quantisation_noise.coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
 
     def rounded(self, fit: FittedModel) -> Whitening | None:
-        """Return the noise with the rounding of what is predicted, where readings come in coarse steps.
+        """Return the noise with the rounding of the predicted motion, if readings come in coarse steps; else None.
 
-        Test runs, which no fit predicts before the end, keep the noise as it was read.
+        Test runs, which no fit predicts before the end, keep their estimated noise.
         """
         if self.coarse_step is None:
             return None
-        seen = {run.name: run for run in self.runs if run.name in fit.residuals_by_run}
-        made = quantisation_noise.add_rounding(seen, self.noise.whitening, fit.residuals_by_run, self.coarse_step)
+        predicted = {run.name: run for run in self.runs if run.name in fit.residuals_by_run}
+        rounding = quantisation_noise.add_rounding(
+            predicted, self.noise.whitening, fit.residuals_by_run, self.coarse_step
+        )
         noise = ColouredNoise(
-            {run.name: (made if run.name in seen else self.noise.whitening).process(run.name) for run in self.runs}
+            {
+                run.name: (rounding if run.name in predicted else self.noise.whitening).process(run.name)
+                for run in self.runs
+            }
         )
         return Mixed(noise, self.lines) if self.lines else noise
 
@@ -156,13 +161,13 @@ class DiagnosisData:
 
     @property
     def selecting(self) -> list[str]:
-        """Names of what the model is chosen by: validation runs, or all if there are none; else of responses."""
+        """Names of what chooses the model: validation runs, or all runs without any; without runs, responses."""
         every = self.runs or self.responses
         return [each.name for each in every if each.role == "validate"] or [each.name for each in every]
 
     @property
     def scored(self) -> list[str]:
-        """Names of what errors are stated of: test runs, which chose nothing, or else what the model is chosen by."""
+        """Names of the observations whose errors are stated: test runs, or without any those of `selecting`."""
         every = self.runs or self.responses
         return [each.name for each in every if each.role == "test"] or self.selecting
 
@@ -172,16 +177,16 @@ class DiagnosisData:
         return {e.name: self.noise.rms[e.name] / self.lines[e.name].of_values for e in self.responses}
 
     def error(self, fit: FittedModel) -> float:
-        """Return the rms residual of what the model is chosen by [response]."""
+        """Return the rms residual of the observations that choose the model [response]."""
         return fit.rms(self.selecting, self.scales)
 
     def test_error(self, fit: FittedModel) -> float:
-        """Return the rms residual of what errors are stated of [response]."""
+        """Return the rms residual of the observations whose errors are stated [response]."""
         return fit.rms(self.scored, self.scales)
 
     @property
     def max_command(self) -> float:
-        """Largest command [V]; of frequency responses alone what the model allows, on which plausible ranges hang."""
+        """Largest command [V], to which plausible ranges are scaled; without runs, the limit that the model states."""
         driven = [float(np.abs(run.command()).max()) for run in self.runs]
         driven += [abs(each.bias) + (each.amplitude or 0.0) for each in self.responses]
         if not self.runs:
@@ -198,24 +203,24 @@ class DiagnosisData:
 
     @property
     def known_noise_rms(self) -> float:
-        """Rms noise of what the model is chosen by; zero where the noise is a guess [response]."""
+        """Rms noise of the observations that choose the model; zero if the noise is unknown [response]."""
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
     def known_test_noise_rms(self) -> float:
-        """Rms noise of what errors are stated of; zero where the noise is a guess [response]."""
+        """Rms noise of the observations whose errors are stated; zero if the noise is unknown [response]."""
         return self.noise_rms if self.noise.known else 0.0
 
     @property
     def line_size(self) -> float:
-        """Size of the lines that the model is chosen by, each weighted by its noise as in `error` [response/V]."""
-        judging = [each for each in self.responses if each.name in self.selecting]
-        sizes = np.concatenate([each.measured() * self.scales[each.name] for each in judging])
+        """Size of the lines that choose the model, each weighted by its noise as in `error` [response/V]."""
+        selecting = [each for each in self.responses if each.name in self.selecting]
+        sizes = np.concatenate([each.measured() * self.scales[each.name] for each in selecting])
         return float(np.sqrt(np.nanmean(sizes**2)))
 
     @property
     def noise_rms(self) -> float:
-        """Rms noise of what errors are stated of [response]."""
+        """Rms noise of the observations whose errors are stated [response]."""
         return self._rms_noise(self.scored)
 
     def _rms_noise(self, names: Sequence[str]) -> float:
@@ -231,39 +236,46 @@ def prepare(
     tolerance: float | None,
     stated: float | None = None,
 ) -> DiagnosisData:
-    """Return what is to be diagnosed, with its noise floor.
+    """Return the data of a diagnosis, with their noise floor.
 
     Parameters
     ----------
     model, recorded, axis
-        The stage model, what was recorded, and which axis.
+        The stage model, the recordings, and the name of the axis; None if model and recordings leave no choice.
     tolerance
-        What matters to the user [response]; None for the usual one.
+        Stated tolerance [response]; None for the default.
     stated
-        Standard deviation of the noise of runs, if somebody states it [response].
+        Stated standard deviation of the noise of runs [response]; None if it is to be estimated.
     """
     name = choose_axis(model, recorded, axis)
-    its = model.axes[name]
+    axis_model = model.axes[name]
     runs = [each for each in recorded if isinstance(each, Run)]
-    seen = tuple(of_axis(run, name, its) for run in split(runs, test=True)) if runs else ()
-    measured = [axis_response.of_axis(each, name, its) for each in recorded if isinstance(each, FrequencyResponse)]
+    axis_runs = tuple(of_axis(run, name, axis_model) for run in split(runs, test=True)) if runs else ()
+    measured = [
+        axis_response.of_axis(each, name, axis_model) for each in recorded if isinstance(each, FrequencyResponse)
+    ]
     responses = split_lines(measured)
-    if "identify" not in [*(run.role for run in seen), *(each.role for each in responses)]:
+    if "identify" not in [*(run.role for run in axis_runs), *(each.role for each in responses)]:
         raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
-    whole = {each.name: line_noise(each) for each in measured}
-    lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
-    if not seen:
+    noise_of_all_lines = {each.name: line_noise(each) for each in measured}
+    lines = {  # a part of a split response has the noise of the whole
+        each.name: noise_of_all_lines.get(each.name) or noise_of_all_lines[each.name.rpartition(":")[0]]
+        for each in responses
+    }
+    if not axis_runs:
         noise = noise_of_lines(responses, lines)
-        data = DiagnosisData(name, its, (), noise, 0.0, _priors(its), responses, lines)
+        data = DiagnosisData(name, axis_model, (), noise, 0.0, _priors(axis_model), responses, lines)
         return _with_tolerance(replace(data, stroke=data.line_size), tolerance)
-    noise = noise_of_axis(runs, name, its)
+    noise = noise_of_axis(runs, name, axis_model)
     if stated is not None:
         level = {run.name: stated * run.noise_gain for run in runs}
         white = ColouredNoise({name: Process(np.zeros(0), rms) for name, rms in level.items()})
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
-    noise = _of_blocks(noise, seen)
-    first = DiagnosisData(name, its, seen, noise, 0.0, _priors(its), stroke=measured_stroke(runs, name))
-    if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
+    noise = _of_blocks(noise, axis_runs)
+    first = DiagnosisData(
+        name, axis_model, axis_runs, noise, 0.0, _priors(axis_model), stroke=measured_stroke(runs, name)
+    )
+    if (step := first.coarse_step) is not None:  # a quiet run may show no rounding
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
     data = _with_tolerance(first, tolerance)
@@ -271,7 +283,7 @@ def prepare(
 
 
 def usual_tolerance(stroke: float, noise: float | None) -> float:
-    """Return what counts as nothing where nobody said what matters, rms [response].
+    """Return the default tolerance, rms [response].
 
     Parameters
     ----------
@@ -282,7 +294,7 @@ def usual_tolerance(stroke: float, noise: float | None) -> float:
 
 
 def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
-    """Return the data set with what matters."""
+    """Return the data set with a stated tolerance, or with the default."""
     least = usual_tolerance(data.stroke, data.noise_rms if data.noise.known else None)
     return replace(data, tolerance=least if asked is None else asked, default_limit=least, is_asked=asked is not None)
 
@@ -290,8 +302,8 @@ def _with_tolerance(data: DiagnosisData, asked: float | None) -> DiagnosisData:
 def line_weights(data: DiagnosisData) -> dict[str, Array]:
     """Return the weights of frequency responses relative to the tolerance.
 
-    As in time an effect must move a line by a share of its noise, or of its size if that is less; multiplied by the
-    ratio of a larger stated tolerance to the usual one.
+    As in time, an effect must change a line by a share of its noise, or of its size if that is less; multiplied by the
+    ratio of the stated tolerance to the default.
     """
     found = {}
     for each in data.responses:
@@ -304,7 +316,7 @@ def line_weights(data: DiagnosisData) -> dict[str, Array]:
 
 
 def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
-    """Return the noise with that of blocks of a record under their own names, too."""
+    """Return the noise under the names of runs that are blocks of a longer run."""
     records = {run.name: run.name if run.name in noise.rms else run.name.rpartition(":")[0] for run in runs}
     processes = {name: noise.whitening.process(record) for name, record in records.items()}
     return replace(noise, whitening=ColouredNoise(processes), rms={n: noise.rms[r] for n, r in records.items()})
@@ -320,9 +332,9 @@ def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
 def truncate(data: DiagnosisData) -> DiagnosisData | None:
     """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut.
 
-    What long runs show is mostly in their first part, where it is found sooner; the whole runs confirm or refuse it,
-    and are searched for the rest. Where the noise is unknown an effect is weighed by its share of the residual, which
-    is another in a part of the runs.
+    Most effects of long runs show in their first part, where a search is faster. The whole runs confirm or reject them,
+    and are searched for further effects. If the noise is unknown, runs are not cut: evidence is then weighted by the
+    explained share of the residual, which differs in a part of the runs.
     """
     lengths = sorted(len(run.time) for run in data.runs)
     if sum(lengths) < LONG_RUNS or not data.noise.known:

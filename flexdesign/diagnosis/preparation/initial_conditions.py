@@ -1,4 +1,4 @@
-"""How a record began, of which little is known: late, ringing, still creeping, from where the voltage had turned."""
+"""Initial conditions of runs: trigger delay, amplitudes of modes, slow states, and reversal voltages."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
-#: share of the stroke that a mode swings by.
-TRIGGER_DEVIATION, TURNING_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
-#: Before the first fit, delays are tried up to this one, at this spacing, both in periods of the mode.
+#: Standard deviations of the priors: of a trigger delay in samples, of a reversal voltage as a share of the largest
+#: command, and of the amplitude of a mode as a share of the stroke.
+TRIGGER_DEVIATION, REVERSAL_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
+#: Largest delay that is tried before the first fit, and the spacing, both in periods of the mode.
 LARGEST_DELAY, DELAY_SPACING = 2.0, 0.125
-#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives
-#: lead nowhere. A payload or a loose part may have changed it by so much.
+#: Largest relative change of the natural frequency that is tried, and the spacing: farther away than the width of the
+#: resonance, derivatives mislead. A payload or a loose part may change the frequency by this much.
 LARGEST_DETUNING, DETUNING_SPACING = 0.24, 0.03
 
 
 def prior_of_initial_condition(
     parameter: Parameter, runs: Sequence[Run], max_command: float, model: Model
 ) -> tuple[float, float] | None:
-    """Return what is known of a number of one run of a model: about how late it began, where the voltage had turned.
+    """Return the prior of a parameter of one run: trigger delay, reversal voltage, or deviation of a strength.
 
-    And how far a number of an effect may be from its mean over runs.
+    None if the parameter has no prior.
     """
     run, _, number = parameter.name.rpartition(":")
     if number in (by_run := cast(AxisDynamics, model).by_run):
@@ -44,22 +44,22 @@ def prior_of_initial_condition(
     if number == TRIGGER:
         return 0.0, TRIGGER_DEVIATION * next(each.period for each in runs if each.name == run)
     if number in REVERSALS:
-        return REVERSALS[number] * max_command, TURNING_DEVIATION * max_command
+        return REVERSALS[number] * max_command, REVERSAL_DEVIATION * max_command
     return None
 
 
 @dataclass(frozen=True)
 class InitialConditions:
-    """What unknown initial conditions add to a record, in unknown amounts: offset, ringing, creep under way.
+    """Nuisance columns of unknown initial conditions: offset, ringing of modes, relaxation of slow states.
 
     Parameters
     ----------
     modes
-        Frequency [Hz] and damping ratio of each mode, which rings as a record begins.
+        Frequency [Hz] and damping ratio of each mode.
     slow
-        Time constants [s] of slow states, which relax, and how large each may be [strokes].
+        Time constants [s] of slow states, and the standard deviation of each [strokes].
     stroke
-        What the gain makes of the largest command [response].
+        Gain times the largest command [response].
     """
 
     modes: tuple[tuple[float, float], ...]
@@ -83,10 +83,10 @@ class InitialConditions:
         return np.column_stack(columns), np.array(sizes)
 
     def at(self, model: Model) -> InitialConditions:
-        """Return them for the modes of a model, if it is linear and has as many.
+        """Return the initial conditions with the modes of a model, if it is linear and has the same number of modes.
 
-        With an amplitude, a nonlinear effect changes the frequency at which a mode rings: what was calibrated before
-        it is nearer. Slow states stay, too, as their sizes go with what is fitted.
+        A nonlinear effect changes the frequency of ringing with amplitude; the calibrated mode is then nearer. Slow
+        states stay as they are.
         """
         axis = cast(AxisDynamics, model).axis
         is_linear = all(effects.find(name).is_linear for name in axis.effects)
@@ -95,7 +95,7 @@ class InitialConditions:
 
 
 def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:
-    """Return what may be added to a record of an axis whose gain makes `stroke` of the largest command [response]."""
+    """Return the initial conditions of runs of an axis; `stroke` is its gain times the largest command [response]."""
     return InitialConditions(modes(axis), tuple(relaxing(axis)), stroke)
 
 
@@ -127,15 +127,15 @@ def with_initial_conditions(
 
 
 def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
-    """Return the residual of a run if nothing of it is fitted but its offset, n values [response]; NaN at gaps."""
-    left = run.measured() - replace(dynamics, apart=(), own={}).predict(run)
-    return np.asarray(left - np.nanmean(left))
+    """Return the residual of a run if only its offset is fitted, n values [response]; NaN at gaps."""
+    residual = run.measured() - replace(dynamics, apart=(), own={}).predict(run)
+    return np.asarray(residual - np.nanmean(residual))
 
 
 def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
     """Return the model with the common trigger delay or lead that fits best on a grid, if that is more than one step.
 
-    From half a period of the mode on, a fit that begins without either goes the wrong way.
+    If the delay exceeds half a period of the mode, a fit that starts from zero ends in another minimum.
     """
     if not math.isinf(task.prior_bound):
         return dynamics
@@ -166,7 +166,7 @@ def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics
 
 
 def _cost(task: EstimationTask, model: AxisDynamics) -> float:
-    """Return chi^2 of the fitted runs, of which only what enters linearly is fitted."""
+    """Return chi^2 of the fitted runs, with only the nuisance columns fitted."""
     problem = task.problem(task.identify, model)
     residuals = problem.residuals(problem.where.start)
     return math.inf if residuals is None else float(sum(part @ part for part in residuals))

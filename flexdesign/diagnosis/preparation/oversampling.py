@@ -1,8 +1,8 @@
-"""Runs that are sampled far more often than their motion needs: how many of their samples would do.
+"""Oversampled runs, and the factor by which they may be decimated.
 
-Simulations take a step or more in every sample, so that a diagnosis of an oversampled run takes as many times longer.
-What matters of a response is the power that follows its command; the band that holds all but a residual that counts as
-none is found from the coherence.
+A simulation takes a step or more in every sample, so that the time of a diagnosis grows with the sampling rate. The
+band that matters is that in which the response follows its command. It is found from the coherence: the coherent power
+above the band is negligible.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from flexdesign.diagnosis.preparation.frequencies import cross_spectra
 from flexdesign.measurements.recordings import Run
 from flexdesign.measurements.recordings.run import commanded_by
 
-#: A response has several samples in each period of what it does; fewer bend every sine.
+#: Fewest samples in a period of the highest frequency that matters; fewer distort a sine.
 FEWEST_PER_PERIOD = 8
-#: Segments in a record, half of each in the next one, and the chance that unrelated signals seem to be related at one
-#: frequency.
+#: Number of segments of a run, with an overlap of one half; and the probability that unrelated signals seem coherent at
+#: one frequency.
 SEGMENTS, CHANCE = 8, 1e-3
 
 
 @dataclass(frozen=True)
 class Oversampling:
-    """That fewer samples would do.
+    """The statement that runs are oversampled.
 
     Parameters
     ----------
     what, remedy
-        What was seen, and what to do about it, each in a sentence without its full stop.
+        The finding and the remedy, each a sentence without its full stop.
     """
 
     what: str
@@ -68,13 +68,13 @@ def oversampling_of(runs: Sequence[Run], axis: str, negligible: float) -> Oversa
 
 
 def decimation_factor(runs: Sequence[Run], axis: str, negligible: float) -> int:
-    """Return which sample of runs would do, the same in all; 1 if they are not oversampled; see `oversampling_of`."""
+    """Return the common decimation factor of runs; 1 if they are not oversampled; see `oversampling_of`."""
     factors = [_factor(run, axis, negligible) for run in runs]
     return min((factor for factor in factors if factor), default=1)
 
 
 def _factor(run: Run, axis: str, negligible: float) -> int | None:
-    """Return which sample of a run would do; None if its command stands still or nothing follows it."""
+    """Return the decimation factor of a run; None if its command is constant or nothing follows it."""
     column, values = commanded_by(axis, run.columns), run.columns[axis]
     there = np.isfinite(values)
     if column is None or not np.ptp(run.columns[column]) or not there.any():

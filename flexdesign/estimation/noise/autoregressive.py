@@ -174,7 +174,7 @@ class Autocorrelation:
 
 
 def estimate_autocorrelation(residual: Array) -> Autocorrelation:
-    """Return the correlation of a residual (n) by Burg's recursion, of order 10 log10(n) at most as in the `ar` of R."""
+    """Return the correlation of a residual (n) by Burg's recursion, of order 10 log10(n) at most, as in R."""
     n = len(residual)
     reflections = burg([residual], int(10 * np.log10(n))) if n >= FEWEST_SAMPLES else np.zeros(0)
     return Autocorrelation(Process(reflections, 1.0).coefficients, n)

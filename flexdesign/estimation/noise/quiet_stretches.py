@@ -25,8 +25,8 @@ from flexdesign.estimation.noise.autoregressive import Process, burg
 HIGHEST_ORDER = 16
 #: Largest reflection coefficient: the correlation of an AR(1) then lasts ten thousand samples, as long as most records.
 LARGEST_REFLECTION = 1 - 1e-4
-#: Least share of the squares of a sinusoid that its fading must explain: noise that is not exactly autoregressive may let
-#: a strong sinusoid seem to fade. A hundredth corresponds to an amplitude that changes by a sixth either way.
+#: Least share of the squares of a sinusoid that its fading must explain: with noise that is not quite autoregressive, a
+#: strong sinusoid may seem to fade. A hundredth corresponds to an amplitude that changes by a sixth either way.
 LEAST_FADING = 0.01
 #: Largest number of sinusoids, and of peaks that are tried before each: a disturbance and its harmonics have fewer.
 MOST_SINUSOIDS = 8
