@@ -49,17 +49,17 @@ class AddedEffect(ModelResiduals):
     name
         The effect.
     without
-        The stage model with its own numbers fitted.
+        The recalibrated stage model, without the effect.
     values, calibration
-        The effect's parameters, and the model's own with it.
+        Fitted values of the parameters of the effect, and of the model itself.
     share
-        Of what recalibration leaves unexplained there (in squares, above the noise): how much the effect explains.
+        Share of the mean square above the noise that recalibration leaves unexplained, which the effect explains.
     reason
         Why the effect is not needed; empty if it is.
     seconds
-        How long it took.
+        Time that the fit took [s].
     by_run
-        The effect's strength in each run, where it differs from run to run.
+        Strength of the effect in each run, if it differs from run to run.
     """
 
     name: str
@@ -81,20 +81,20 @@ def add(
     noise: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> AddedEffect:
-    """Fit a stage model with one more effect, needed or not, and say whether it is.
+    """Fit a stage model with one more effect, needed or not, and state whether it is needed.
 
     Parameters
     ----------
     model
-        The stage model; its uncertainties say how far its numbers may move.
+        The stage model; its uncertainties are the priors of its parameters.
     effect
         A name of the catalogue, or the path of a file.
     runs
-        What was recorded; where nobody chose roles, they are split.
+        Runs in time and frequency responses; if no roles are stated, they are split.
     axis
-        Which one; may be left out where model and runs leave no choice.
+        Name of the axis; needed only if model and runs leave a choice.
     noise
-        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
+        Standard deviation of the noise of runs, if it is stated [response]; by default it is estimated.
     progress
         Receives the progress as text.
 
@@ -118,24 +118,24 @@ def add(
             lines, peaks = line_frequencies(data, fit), mode_frequencies(data, fit)
             return (candidates.candidate_of(dynamics, name, lines, peaks),)
 
-        task, gone = procedure.search(data, task, dynamics, alone)
-        (candidate,) = alone(gone.calibration)
-        final, reason = _fit_addition(task, gone, candidate)
-        error_ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibration, final)]
+        task, history = procedure.search(data, task, dynamics, alone)
+        (candidate,) = alone(history.calibration)
+        final, reason = _fit_addition(task, history, candidate)
+        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, history.calibration, final)]
         values = verdict.values_of(final)
         of_effect = tuple(values[number] for number in candidate.free)
         named = with_runs(IdentifiedEffect(name, of_effect, 0.0), of_runs(task, final))
         own_values = tuple(values[number] for number in verdict.own_numbers(final))
     errors = [data.test_error(fit) for fit in error_ladder]
     unexplained = max(errors[1] ** 2 - data.known_test_noise_rms**2, 1e-300)
-    numbers, remarks = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
+    numbers, fitted_model = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return AddedEffect(
         name=name,
         axis=data.name,
         before=model,
-        without=verdict.model_of(model, data, gone.calibration, {}),
-        model=with_knowledge(remarks, data.name, numbers, data.recorded),
+        without=verdict.model_of(model, data, history.calibration, {}),
+        model=with_knowledge(fitted_model, data.name, numbers, data.recorded),
         values=named.values,
         calibration=own_values,
         error_ladder=tuple(ErrorStep(label, error) for label, error in zip(labels, errors, strict=True)),
@@ -152,18 +152,18 @@ def add(
     )
 
 
-def _fit_addition(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
-    """Return the fit with an effect, and why it is not needed."""
-    step = gone.steps[0]
+def _fit_addition(task: EstimationTask, history: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
+    """Return the fit with an effect, and why the effect is not needed."""
+    step = history.steps[0]
     if step.trials:
         best = step.chosen or step.trials[0]
         return best.fit, best.reason
-    # It promises nothing; its value then says how large it may be at most.
-    return fit_candidate(task, gone.calibration, candidate), "no more than chance gives"
+    # The effect has no significant score; its interval then says how large it may be at most.
+    return fit_candidate(task, history.calibration, candidate), "no more than chance gives"
 
 
 def _check(data: DiagnosisData, name: str, model: StageModel) -> None:
-    """Refuse an effect that is there, or that the runs cannot show."""
+    """Refuse an effect that the model has already, or that the runs cannot show."""
     if name in candidates.NOISE_EFFECTS:
         remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
         raise InputError("command line", "EFFECT", name, remedy)
@@ -213,32 +213,32 @@ def size(
     return value
 
 
-# --- what is known of the numbers --------------------------------------------------------------------------------
+# --- uncertainty of the parameters --------------------------------------------------------------------------------
 
 
 def values(found: Diagnosis) -> list[Value]:
-    """Return all numbers that a diagnosis fitted, the model's own first."""
+    """Return all parameters that a diagnosis fitted, those of the model itself first."""
     return [*found.calibration, *(value for named in found.effects for value in of_further_run(named))]
 
 
 def with_knowledge(
     model: StageModel, axis: str, fitted_values: Sequence[Value], runs: Sequence[Run | FrequencyResponse]
 ) -> StageModel:
-    """Return a stage model that says of fitted numbers how well they are known, and from which runs.
+    """Return a stage model that states the uncertainty of fitted parameters, and the runs they are from.
 
     Parameters
     ----------
     model, axis
         The model with the values.
     fitted_values
-        Numbers with their 95 % intervals; half of one over 1.96 becomes the standard deviation, relative.
+        Values with their 95 % intervals; the half-width over 1.96 becomes the standard deviation, relative.
     runs
-        Those of role ``identify`` are named as the source.
+        The runs, of which those of role ``identify`` are named as the source.
     """
-    seen = list(dict.fromkeys(run.name.partition(":")[0] for run in runs if run.role == "identify"))
+    fitted_runs = list(dict.fromkeys(run.name.partition(":")[0] for run in runs if run.role == "identify"))
     numbers = model.axes[axis].numbers
     relative = {v.parameter.name: _relative(v) for v in fitted_values if v.parameter.name in numbers}
-    return replace(model, axes={**model.axes, axis: known_axis(model.axes[axis], relative, seen)})
+    return replace(model, axes={**model.axes, axis: known_axis(model.axes[axis], relative, fitted_runs)})
 
 
 def _relative(value: Value) -> float:
@@ -246,7 +246,7 @@ def _relative(value: Value) -> float:
     return (high - low) / (2 * HALF_WIDTH * abs(value.value)) if value.value and math.isfinite(high - low) else math.inf
 
 
-# --- what it does to the loop ------------------------------------------------------------------------------------
+# --- effect on a closed loop ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,12 +1,11 @@
-"""A model and runs, kept in memory: effects are fitted and taken out again, numbers are set by hand.
+"""A model and runs, kept in memory: effects are added and removed, parameters are set by hand.
 
-The recordings are prepared and the model's own numbers are fitted once. What a further effect asks for is then its own
-fit alone, by the same steps as in a diagnosis; fits that were made are kept.
+The recordings are prepared and the model is calibrated once. A further effect then costs its own fit alone, by the same
+steps as in a diagnosis; fits are cached.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -18,44 +17,20 @@ import numpy as np
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import procedure, verdict
+from flexdesign.diagnosis.adjustable_parameters import AdjustableParameter, adjustable_parameters
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, evaluate_design
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import ErrorStep, ModelResiduals, Value, compare_model, compared_runs
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import CONFLICT
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
 from flexdesign.estimation.model_selection.forward_selection import Entry, finish, fit_candidate, fit_roughly, screen
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
-
-#: A parameter may be set within `CONFLICT` standard deviations of its prior; else from a half to twice its value.
-DEFAULT_FACTOR = 2.0
-
-
-@dataclass(frozen=True)
-class AdjustableParameter:
-    """A number of a model that may be set by hand, SI.
-
-    Parameters
-    ----------
-    parameter
-        What it is, and its unit.
-    value
-        What it is now.
-    low, high
-        Between what it may be set.
-    """
-
-    parameter: Parameter
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +42,7 @@ class Confronted(ModelResiduals):
     effects
         Names of the effects that were added.
     settings
-        The numbers that were fitted.
+        The fitted parameters, which may be set by hand.
     reason
         Why the effect that was added last is not needed; empty if it is, or if the fit is rough.
     is_rough
@@ -81,44 +56,23 @@ class Confronted(ModelResiduals):
 
     @property
     def error(self) -> float:
-        """Rms residual of the runs that judge [response]."""
+        """Rms residual of the scored runs [response]."""
         return self.error_ladder[-1].error
 
     @property
     def ratio(self) -> float:
-        """That error over the noise floor."""
+        """The error over the noise floor."""
         return self.error / self.noise_floor
 
     @cached_property
     def compared_runs(self) -> tuple[RunComparison, ...]:
-        """Measured against modelled, run by run."""
+        """Measurement and prediction of each run."""
         return compared_runs(self, "found")
 
     @cached_property
     def comparison(self) -> Comparison:
-        """The same, and where the model fails."""
+        """The comparison of the model with the runs, with the location of its error."""
         return compare_model(self, "found")
-
-
-def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:
-    """Return the numbers of a fit that may be set by hand; some of them have been, SI."""
-    where, x = fit.solution.problem.where, fit.solution.x
-    values, known, found = where.values(x), where.known, []
-    for parameter in where.parameters:
-        if parameter.run:
-            continue
-        fitted = values[parameter.name]
-        reach = abs(fitted) * (1 - 1 / DEFAULT_FACTOR) or 1.0
-        low, high = fitted - reach, fitted + DEFAULT_FACTOR * reach
-        if parameter.name in known and parameter.scale == "linear":
-            middle, sigma = known[parameter.name]
-            low, high = min(fitted, middle - CONFLICT * sigma), max(fitted, middle + CONFLICT * sigma)
-        if parameter.null is not None and math.isfinite(parameter.null):
-            low, high = min(low, parameter.null), max(high, parameter.null)
-        low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])
-        present = by_hand.get(parameter.name, fitted)
-        found.append(AdjustableParameter(parameter, present, min(low, fitted), max(high, fitted)))
-    return tuple(found)
 
 
 Progress = Callable[[str], None]
@@ -196,7 +150,7 @@ class Confrontation:
 
     @cached_property
     def _calibrated_task(self) -> CalibratedTask:
-        """The task with the model's own numbers fitted: when they are first needed."""
+        """The calibrated task; calibration runs at the first use."""
         begun = calibrate_task(self.data, self._case, self._dynamics)
         self._nominal = predict_tests(begun.task, begun.nominal)
         self._kept[()] = _CachedFit(predict_tests(begun.task, begun.calibrated))
@@ -222,7 +176,7 @@ class Confrontation:
     def with_effects(
         self, names: Sequence[str] = (), progress: Progress = lambda _: None, *, roughly: bool = False
     ) -> Confronted:
-        """Return the model with its own numbers fitted and some effects, in the order in which they are added.
+        """Return the calibrated model with some effects, in the order in which they are added.
 
         Parameters
         ----------
@@ -379,7 +333,7 @@ class Confrontation:
             effects=chosen,
             error_ladder=tuple(steps),
             noise_floor=data.noise_rms,
-            settings=settings_of(fit, by_hand or {}),
+            settings=adjustable_parameters(fit, by_hand or {}),
             reason=kept.reason,
             before=self.model,
             model=verdict.model_of(self.model, data, fit, {}),

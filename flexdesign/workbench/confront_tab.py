@@ -22,7 +22,8 @@ from flexdesign.workbench.work import Cancelled
 
 if TYPE_CHECKING:
     from flexdesign.api.confrontation import Confrontation
-    from flexdesign.diagnosis.confrontation import AdjustableParameter, Confronted
+    from flexdesign.diagnosis.adjustable_parameters import AdjustableParameter
+    from flexdesign.diagnosis.confrontation import Confronted
 
 #: The demo of `make demo`.
 DEMO = ("studies/hidden_effect_demo/model.toml", "studies/hidden_effect_demo/runs")
@@ -136,7 +137,7 @@ class ConfrontTab:
         await self._weigh(ticked)
 
     async def _weigh(self, ticked: Sequence[str] = ()) -> None:
-        """Fit the model's own numbers, and ask what each effect would explain."""
+        """Calibrate the model, and compute the evidence of each effect."""
         session = self.session
         assert session is not None
 
