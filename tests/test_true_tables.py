@@ -249,7 +249,7 @@ def hidden(seed):
     return noisy([replace(row, value=v) for row, v in zip(rows, values, strict=True)], noise, seed)
 
 
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=[pytest.mark.slow] * (n >= 8)) for n in range(24)])
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=[pytest.mark.slow] * (n >= 4)) for n in range(24)])
 def test_a_diagnosis_never_contradicts_a_comparison(seed):
     table = hidden(seed)
     beside, found = comparison.compare(MODEL, table), diagnose.diagnose(MODEL, table)
@@ -261,6 +261,7 @@ def test_a_diagnosis_never_contradicts_a_comparison(seed):
         assert comparison.compare(found.found.model, table).agrees
 
 
+@pytest.mark.slow
 def test_sixty_um_off_one_hinge_is_one_answer_and_not_two():
     """A few rows beyond two standard deviations, all for one reason, are what tolerances allow; or they are not."""
     for seed in range(4):
