@@ -378,6 +378,12 @@ def test_a_residual_within_a_stated_tolerance_counts_as_none(known: bool) -> Non
         found = judged(asked, one, one)
         assert (found.verdict, found.effects) == (verdict, ())
         assert bool(found.remainder) is (verdict == "unknown")
+    # What an effect leaves within it takes no part in whether that explains enough.
+    less = fit(about, 4.0, 4.0, [creep(about)])
+    rest = NOISE * math.sqrt(3 if known else 4)
+    for share, verdict in ((1.02, "effects-found"), (0.98, "unknown")):
+        asked = replace(about, tolerance=share * rest, is_asked=True)
+        assert judged(asked, one, less).verdict == verdict
     # Nobody said what matters: then it is the noise, or what is usual where that is unknown.
     usual = replace(about, tolerance=1.02 * above * NOISE)
     assert judged(usual, one, one).verdict == ("unknown" if known else "nothing-missing")

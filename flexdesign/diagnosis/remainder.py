@@ -100,9 +100,14 @@ def unexplained_rms(data: DiagnosisData, fit: FittedModel) -> float:
     return math.sqrt(max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0))
 
 
+def is_negligible(data: DiagnosisData, fit: FittedModel) -> bool:
+    """Return whether what is unexplained is below a stated tolerance, or below the usual one if noise is unknown."""
+    return (data.is_asked or not data.noise.known) and unexplained_rms(data, fit) <= data.tolerance
+
+
 def is_adequate(data: DiagnosisData, fit: FittedModel, smooth_model: SparseModel) -> bool:
     """Return whether the residual is noise, or below the tolerance that the user stated."""
-    if (data.is_asked or not data.noise.known) and unexplained_rms(data, fit) <= data.tolerance:
+    if is_negligible(data, fit):
         return True
     # Smooth functions that explain a part of the residual show that it is not noise, however small that part is.
     explainable = smooth_model.held_gain > 0 and smooth_model.validation_rms > data.tolerance and smooth_model.gain > 0

@@ -19,6 +19,7 @@ from flexdesign.diagnosis.remainder import (
     describe,
     describe_size,
     is_adequate,
+    is_negligible,
     remainder,
     unexplained_rms,
 )
@@ -47,8 +48,8 @@ def decide(
     """Return the verdict, the fit whose effects are named, and why those of the last fit are not; empty if they are.
 
     Each effect must explain `LARGE` times the mean square that remains unexplained after the last effect that is named.
-    A large and certain share is a finding, whatever else the model lacks. If the noise is unknown, a white residual
-    counts as explained.
+    A large and certain share is a finding, whatever else the model lacks. A residual below a stated tolerance counts as
+    explained, and so does a white one if the noise is unknown.
 
     If the model is not adequate, effects may approximate something else. They are then refused in two cases. A linear
     system, or the smooth functions that describe the remainder, explain more in their place. Or a parameter of the
@@ -57,7 +58,7 @@ def decide(
     """
     every = history.levels
     adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
-    if adequate and not (data.noise.known and history.final.effects):
+    if adequate and (not history.final.effects or not data.noise.known or is_negligible(data, history.final)):
         return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
