@@ -20,6 +20,7 @@ from flexdesign.measurements.noise_level.sources import (
     stationary_stretches,
 )
 from flexdesign.measurements.recordings import Run
+from flexdesign.measurements.recordings.reading_steps import ROUNDING, smallest_step
 
 #: A source with fewer effective samples gives way to one with more: its level is known to 22 % only.
 ENOUGH = 10.0
@@ -29,13 +30,9 @@ DISAGREES = 1.5
 STANDARD_ERRORS = 4.0
 #: Where the noise is unknown: samples in a segment of the spectrum, and which of its quantiles counts as noise.
 SEGMENT, LOWEST = 1024, 0.1
-#: Readings with fewer different values do not show the sensor's step.
-MANY = 50
 #: A residual counts as noise if its mean square, whitened, exceeds one by no more than this, which no bench is free of,
 #: and this number of standard errors, of chance and of the level of the noise together.
 ADEQUATE, ERRORS = 0.09, 3.5
-#: Noise below this share of the span of all readings is rounding of the numbers themselves.
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,11 +264,9 @@ def _smallest(runs: Sequence[Run], axis: str) -> float:
     span = max(float(np.nanmax(run.columns[axis]) - np.nanmin(run.columns[axis])) for run in runs)
     size = max(float(np.nanmax(np.abs(run.columns[axis]))) for run in runs)
     grain = max(ROUNDING * span, 1e-15 * size, 1e-30)
-    values = [run.columns[axis][np.isfinite(run.columns[axis])] for run in runs if axis not in run.steps]
-    readings = [np.unique(np.round(v / grain)) for v in values]
-    steps = [float(np.diff(r).min()) for r in readings if len(r) >= MANY]
-    steps += [run.noise_gain * run.steps[axis] / grain for run in runs if run.steps.get(axis)]
-    return grain * max(min(steps, default=1.0), 1.0) / math.sqrt(12)
+    steps = [smallest_step(run.columns[axis], grain) for run in runs if axis not in run.steps]
+    steps += [run.noise_gain * run.steps[axis] for run in runs if axis in run.steps]
+    return max(min((step for step in steps if step > 0), default=grain), grain) / math.sqrt(12)
 
 
 def _without_source(runs: Sequence[Run], axis: str, stated: float, smallest: float) -> NoiseFloor:

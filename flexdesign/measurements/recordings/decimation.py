@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from flexdesign.core.arrays import Array
+from flexdesign.measurements.recordings.gap_filling import gaps
 from flexdesign.measurements.recordings.run import COMMANDS, Between
 
 #: Periods of the lower rate that the low-pass reaches to each side, as that of `scipy.signal.decimate`.
@@ -22,9 +23,6 @@ REACH = 10
 #: Attenuation [dB], whose inverse is the ripple of what is kept; and the edge (-6 dB) over the Nyquist frequency of the
 #: lower rate. A window of this length needs 0.25 to each side: up to 0.5 everything is kept, and nothing folds back.
 ATTENUATION, EDGE = 80.0, 0.75
-#: Readings with fewer different values do not show the sensor's step; what is below this share of their span is
-#: rounding of the numbers themselves.
-MANY, ROUNDING = 50, 1e-9
 
 
 def low_pass(factor: int, *, even: bool = False) -> Array:
@@ -50,18 +48,6 @@ def noise_gain(factor: int) -> float:
     0.84
     """
     return math.sqrt(float(np.sum(low_pass(factor) ** 2)))
-
-
-def smallest_step(values: Array) -> float:
-    """Return the smallest difference between two readings; zero where they are too few to show it.
-
-    >>> round(smallest_step(np.round(np.sin(np.linspace(0, 6, 500)), 2)), 9)
-    0.01
-    """
-    there = values[np.isfinite(values)]
-    grain = ROUNDING * float(np.ptp(there)) if len(there) else 0.0
-    levels = np.unique(np.round(there / grain)) if grain > 0 else there[:1]
-    return grain * float(np.diff(levels).min()) if len(levels) >= MANY else 0.0
 
 
 def decimate(
@@ -124,8 +110,7 @@ def _bridge(values: Array, factor: int) -> tuple[Array, np.ndarray]:
     if not len(known):
         return np.zeros(len(values)), ~there
     filled = np.interp(np.arange(len(values)), known, values[known])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~there, [False]]).astype(int))).reshape(-1, 2)
     long = np.zeros(len(values), dtype=bool)
-    for first, last in edges:
+    for first, last in gaps(~there):
         long[first:last] = last - first >= factor or first == 0 or last == len(values)
     return filled, long

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from flexdesign.core.arrays import Array
+from flexdesign.core.arrays import Array, Flags, Places
 from flexdesign.core.unit_tables import Sheet
 from flexdesign.measurements.recordings.run import COMMANDS, Between
 from flexdesign.measurements.recordings.time_base import fit_grid
@@ -37,8 +37,8 @@ def fill_gaps(
         missing = ~np.isfinite(values)
         if not missing.any():
             continue
-        ends = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int)))
-        for first, last in ends.reshape(-1, 2):
+        spans = gaps(missing)
+        for first, last in spans:
             if last - first > SHORT and not _stands(values, int(first), int(last)):
                 row = int(np.searchsorted(sheet.moments(), time[first] - 1e-9))
                 lasts = f"is missing from {time[first]:.6g} s to {time[last - 1]:.6g} s, {last - first} samples"
@@ -51,9 +51,14 @@ def fill_gaps(
             filled = np.interp(np.arange(len(values)), known, values[known])
         whole[name] = filled
         count = int(missing.sum())
-        samples = f"{count} sample{'s' if count > 1 else ''}, the first at {time[ends[0]]:.6g} s"
+        samples = f"{count} sample{'s' if count > 1 else ''}, the first at {time[spans[0, 0]]:.6g} s"
         remarks.append(f"{name} is missing in {samples}; bridged")
     return whole, remarks
+
+
+def gaps(missing: Flags) -> Places:
+    """Return where each gap begins, and the place behind its end, (m, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int))).reshape(-1, 2)
 
 
 def _stands(values: Array, first: int, last: int) -> bool:

@@ -16,6 +16,7 @@ from flexdesign.measurements.recordings import (
     description,
     frequency_response,
     gap_filling,
+    reading_steps,
     sensor_faults,
     time_base,
 )
@@ -95,7 +96,7 @@ def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run
     recorded, bridges = gap_filling.fill_gaps(sheet, time, recorded, between)
     fewer, noise_gain, steps = tuple[str, ...](), 1.0, dict[str, float]()
     if (factor := settings.decimate or setup.decimate) > 1:
-        steps = {name: decimation.smallest_step(recorded[name]) for name in recorded if name in AXES}
+        steps = {name: reading_steps.smallest_step(recorded[name]) for name in recorded if name in AXES}
         count = len(time)
         time, recorded, remark = decimation.decimate(time, recorded, factor, between)
         _enough_left(measurements.path, factor, count, len(time))
