@@ -1,9 +1,9 @@
 """A planar mechanism that the design file itself draws: bodies, flexures, ground, inputs, output.
 
 The tables are described in `flexdesign.design.sketch.reading`; geometry/sketches has examples. Everything that a part
-offers follows from them: solid, section, ports, symmetry, linkage, and three models. ``rigid bodies`` has flexures that
-are beams between rigid bodies, and their masses; ``PRB`` has hinges that only rotate, and is left out where a mechanism
-cannot move that way; ``compliance`` has whatever the drawing tells gives way.
+offers follows from them: solid, section, ports, symmetry, linkage, and three models. In the ``rigid-body model``
+flexures are beams between rigid bodies with masses; ``PRB`` has hinges that only rotate, and is left out where a
+mechanism cannot move that way; ``compliance`` has the compliance of everything that is drawn.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Sketch:
         springs = any(self.drawing.is_spring(flexure) for flexure in self.drawing.flexures.values())
         suffice = not springs and rigid_bodies.pivots_suffice(self._linkage, self.ports())
         by_pivots = {"PRB": pivots} if suffice else {}
-        return Formulas({"rigid bodies": rigid, **by_pivots, "compliance": compliant})
+        return Formulas({"rigid-body model": rigid, **by_pivots, "compliance": compliant})
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
         """Return what the compliances of the rigid bodies consist of [m/N]."""

@@ -85,7 +85,7 @@ def test_a_report_that_is_off_is_said_to_be(check: IndependentCheck) -> None:
 
 def test_report_and_result_have_it(found: Validation) -> None:
     text = to_markdown(validation_report.document(found))
-    assert "One independent mesh of the same domain, by pytetwild, agrees within both estimates" in text
+    assert "One independent mesh of the same domain, by pytetwild, agrees within both error estimates" in text
     assert "## An independent mesh" in text
     result = validation_report.result(found)
     assert result["independent_mesh"]["agrees"] and len(result["independent_mesh"]["quantities"]) == 3

@@ -46,7 +46,7 @@ def bending(design: Design, thickness: str = "thickness") -> float:
 def test_every_example_is_short_and_has_models_that_agree(name: str) -> None:
     assert len((SKETCHES / f"{name}.toml").read_text(encoding="utf-8").splitlines()) < 60
     design = sketch(name)
-    rigid, compliant = model(design, "rigid bodies"), model(design, "compliance")
+    rigid, compliant = model(design, "rigid-body model"), model(design, "compliance")
     for key in ("K_in_output_free", "lambda_output_free", "K_out_input_free"):
         assert compliant[key] == pytest.approx(rigid[key], rel=0.25)
 
@@ -72,17 +72,17 @@ def test_two_leaves_in_parallel_and_two_pairs_in_series() -> None:
         design = sketch(name)
         expected = times * bending(design) / design.dimensions["length"] ** 3
         # The table also tilts, as leaves stretch.
-        assert model(design, "rigid bodies")["K_in_output_free"] == pytest.approx(expected, rel=2e-3)
-        assert model(design, "rigid bodies")["lambda_output_free"] == pytest.approx(1.0, rel=1e-9)
+        assert model(design, "rigid-body model")["K_in_output_free"] == pytest.approx(expected, rel=2e-3)
+        assert model(design, "rigid-body model")["lambda_output_free"] == pytest.approx(1.0, rel=1e-9)
 
 
 def test_the_frequency_of_a_parallelogram_is_that_of_table_and_half_the_leaves() -> None:
     design = sketch("parallelogram")
     d, density = design.dimensions, design.material.density
     moving = 1.4 * d["spacing"] * d["height"] + d["length"] * d["thickness"]  # table, and half of two leaves
-    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    stiffness = model(design, "rigid-body model")["K_in_output_free"]
     expected = math.sqrt(stiffness / (density * d["width"] * moving)) / (2 * math.pi)
-    assert model(design, "rigid bodies")["output_frequency_input_free"] == pytest.approx(expected, rel=2e-3)
+    assert model(design, "rigid-body model")["output_frequency_input_free"] == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_cross_axis_pivot_turns_about_where_the_axes_cross() -> None:
@@ -94,9 +94,9 @@ def test_a_cross_axis_pivot_turns_about_where_the_axes_cross() -> None:
     crossing = (d["length"] + d["beyond"]) * math.cos(d["angle"])
     pushed = next(port for port in design.part().ports() if port.role == "input").point[1]
     # What the leaves stretch is 1 % beside it.
-    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    stiffness = model(design, "rigid-body model")["K_in_output_free"]
     assert stiffness * (pushed - crossing) ** 2 == pytest.approx(turning, rel=0.015)
-    softer = model(sketch("cross_axis_pivot", "dimensions.thickness=0.1 mm"), "rigid bodies")["K_in_output_free"]
+    softer = model(sketch("cross_axis_pivot", "dimensions.thickness=0.1 mm"), "rigid-body model")["K_in_output_free"]
     assert softer * (pushed - crossing) ** 2 * 4**3 == pytest.approx(turning, rel=1e-3)
 
 
@@ -106,12 +106,12 @@ def test_a_lever_has_the_ratio_of_its_arms() -> None:
     found = model(design, "PRB")
     assert found["lambda_output_free"] == pytest.approx(d["output_arm"] / d["input_arm"], rel=1e-9)
     assert found["K_in_output_free"] / found["K_out_input_free"] == pytest.approx(16.0, rel=1e-9)
-    assert model(design, "rigid bodies")["lambda_output_free"] == pytest.approx(4.0, rel=1e-3)
+    assert model(design, "rigid-body model")["lambda_output_free"] == pytest.approx(4.0, rel=1e-3)
 
 
 def test_a_scott_russell_mechanism_has_the_cotangent_of_its_angle() -> None:
     for angle in (25.0, 30.0, 40.0):
-        found = model(sketch("scott_russell", f"dimensions.angle={angle} deg"), "rigid bodies")
+        found = model(sketch("scott_russell", f"dimensions.angle={angle} deg"), "rigid-body model")
         assert found["lambda_output_free"] == pytest.approx(1 / math.tan(math.radians(angle)), rel=6e-3)
 
 
@@ -121,7 +121,7 @@ def test_a_roberts_mechanism_bends_two_hinges_once_and_two_twice() -> None:
     d = design.dimensions
     expected = 10 * bending(design, "thin") / d["hinge"] / (2 * d["h"]) ** 2
     assert model(design, "PRB")["K_in_output_free"] == pytest.approx(expected, rel=1e-3)  # the foot is off by 20 um
-    assert model(design, "rigid bodies")["K_in_output_free"] == pytest.approx(expected, rel=3e-3)
+    assert model(design, "rigid-body model")["K_in_output_free"] == pytest.approx(expected, rel=3e-3)
 
 
 def test_a_cartwheel_hinge_has_the_stiffness_of_two_pairs_of_leaves_in_series() -> None:
@@ -131,7 +131,7 @@ def test_a_cartwheel_hinge_has_the_stiffness_of_two_pairs_of_leaves_in_series() 
     xi = d["hub"] / d["leaf"]
     turning = 4 * bending(design, "t") / d["leaf"] * (3 * xi**2 + 3 * xi + 1)
     pushed = next(port for port in design.part().ports() if port.role == "input").point[1]
-    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    stiffness = model(design, "rigid-body model")["K_in_output_free"]
     assert stiffness * pushed**2 == pytest.approx(turning, rel=1e-3)
 
 
@@ -142,7 +142,7 @@ def test_leaves_on_sides_that_are_not_square_to_them_turn_about_where_they_cross
     turning = 8 * bending(design) / d["length"] * (3 * xi**2 + 3 * xi + 1)
     crossing = (d["length"] + d["beyond"]) * math.cos(d["angle"])
     pushed = next(port for port in design.part().ports() if port.role == "input").point[1]
-    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    stiffness = model(design, "rigid-body model")["K_in_output_free"]
     assert stiffness * (pushed - crossing) ** 2 == pytest.approx(turning, rel=1e-3)
 
 
@@ -175,7 +175,7 @@ def test_a_serpentine_is_a_mechanism_of_leaves_in_series() -> None:
             compliance += half * weight * np.outer(moment, moment) / bending(design)
         compliance[0, 0] += (top - bottom) / (design.material.youngs_modulus * d["thickness"] * d["width"])
     expected = 2 * np.linalg.inv(compliance)[0, 0]
-    assert model(design, "rigid bodies")["K_in_output_free"] == pytest.approx(expected, rel=1e-6)
+    assert model(design, "rigid-body model")["K_in_output_free"] == pytest.approx(expected, rel=1e-6)
     assert "PRB" not in design.part().formulas(design.material, STACK, None)  # its leaves are no pivots
     with pytest.raises(InputError, match="moves by itself"):  # short leaves between long bars are
         sketch("serpentine", "dimensions.length=5 mm", "dimensions.pitch=12 mm")
@@ -187,7 +187,7 @@ def test_what_pivots_would_lock_has_no_pseudo_rigid_numbers() -> None:
     d = design.dimensions
     assert "PRB" not in design.part().formulas(design.material, STACK, None)
     ratio = (d["arm"] - 3.5e-3) / (d["p"] - 5.5e-3)  # of the jaw above the pivot, and of the rod beside it
-    assert model(design, "rigid bodies")["lambda_output_free"] == pytest.approx(-ratio, rel=0.02)
+    assert model(design, "rigid-body model")["lambda_output_free"] == pytest.approx(-ratio, rel=0.02)
 
 
 def test_parabolic_notches_hide_no_symmetry(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_bridges_in_series_multiply() -> None:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_shares_of_the_rigid_bodies_add_up_to_their_compliances(name: str) -> None:
     design = sketch(name)
-    stiffness = model(design, "rigid bodies")
+    stiffness = model(design, "rigid-body model")
     for key, pieces in design.part().formula_shares(design.material).items():
         if key in stiffness:
             assert sum(pieces.values()) == pytest.approx(1 / stiffness[key], rel=1e-6)
@@ -226,7 +226,7 @@ def test_the_shares_of_the_rigid_bodies_add_up_to_their_compliances(name: str) -
 def test_a_parallel_stage_bends_twelve_leaves_along_either_axis() -> None:
     for axis in ("x", "y"):
         design = sketch("xy_stage", f"active_axis={axis}")
-        found = model(design, "rigid bodies")
+        found = model(design, "rigid-body model")
         expected = 144 * bending(design) / design.dimensions["length"] ** 3
         assert found["K_out_input_free"] == pytest.approx(expected, rel=2e-3)
         assert found["lambda_output_free"] == pytest.approx(1.0, rel=5e-3)
@@ -235,7 +235,7 @@ def test_a_parallel_stage_bends_twelve_leaves_along_either_axis() -> None:
 def test_the_axes_of_a_parallel_stage_are_decoupled_and_those_of_a_3_rrr_are_not() -> None:
     design = sketch("xy_stage")
     found = design.part().coupling(design.material)  # type: ignore[attr-defined]
-    assert found["x", "x"] == pytest.approx(model(design, "rigid bodies")["lambda_output_free"], rel=1e-9)
+    assert found["x", "x"] == pytest.approx(model(design, "rigid-body model")["lambda_output_free"], rel=1e-9)
     assert abs(found["x", "y"]) < 1e-9 and abs(found["y", "x"]) < 1e-9
     design = sketch("three_rrr")
     found = design.part().coupling(design.material)  # type: ignore[attr-defined]
@@ -265,11 +265,13 @@ def test_ten_lines_of_python_draw_a_mechanism(tmp_path: Path) -> None:
             {"role": "ground", "body": "base", "side": "-y"},
         ],
     )  # fmt: skip
-    assert model(design, "rigid bodies") == pytest.approx(model(sketch("parallelogram"), "rigid bodies"), rel=1e-9)
+    assert model(design, "rigid-body model") == pytest.approx(
+        model(sketch("parallelogram"), "rigid-body model"), rel=1e-9
+    )
 
 
 def test_the_legs_of_a_3_rrr_are_alike() -> None:
-    first, *others = (model(sketch("three_rrr", f"active_axis={leg}"), "rigid bodies") for leg in "abc")
+    first, *others = (model(sketch("three_rrr", f"active_axis={leg}"), "rigid-body model") for leg in "abc")
     for other in others:
         assert other == pytest.approx(first, rel=1e-9)
 
@@ -284,7 +286,7 @@ def test_the_drawn_bridge_has_the_numbers_of_the_class() -> None:
         )
         assert found == pytest.approx(expected, rel=1e-6)
     textbook = {q.key: q.value for q in theirs.part().formulas(theirs.material, STACK, None)["textbook"]}
-    rigid = model(ours, "rigid bodies")
+    rigid = model(ours, "rigid-body model")
     assert {key: rigid[key] for key in textbook} == pytest.approx(textbook, rel=1e-6)
     assert [p.axis for p in ours.part().symmetry()] == [p.axis for p in theirs.part().symmetry()] == ["x", "z"]
     bodies = [polygon_domain.of_part(d.part()) for d in (ours, theirs)]
@@ -333,7 +335,7 @@ def test_fem_of_an_example_agrees_with_its_rigid_bodies(name: str, tmp_path: Pat
     assert keys <= {comparison.fem.key for comparison in found.comparisons}
     for comparison in found.comparisons:
         if comparison.fem.key in keys:
-            assert abs(comparison.error("rigid bodies") or 0.0) < limit
+            assert abs(comparison.error("rigid-body model") or 0.0) < limit
 
 
 @pytest.mark.parametrize("profile", levers.PROFILES)
@@ -502,8 +504,8 @@ def test_an_actuator_may_push_off_the_ground(tmp_path: Path) -> None:
         "port = [", 'port = [\n    { role = "input", body = "base", side = "+x", name = "seat" },'
     )
     (tmp_path / "pushing.toml").write_text(pushing, encoding="utf-8")
-    found = model(designs.read(tmp_path / "pushing.toml"), "rigid bodies")
-    assert found == pytest.approx(model(sketch("parallelogram"), "rigid bodies"), rel=1e-9)
+    found = model(designs.read(tmp_path / "pushing.toml"), "rigid-body model")
+    assert found == pytest.approx(model(sketch("parallelogram"), "rigid-body model"), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -511,7 +513,7 @@ def test_a_design_file_that_is_written_anew_draws_the_same(name: str, tmp_path: 
     """As `optimize` writes its optimum."""
     design, path = sketch(name), tmp_path / "again.toml"
     path.write_text(designs.to_toml(design, toml_files.read_toml(design.file), tmp_path), encoding="utf-8")
-    assert model(designs.read(path), "rigid bodies") == model(design, "rigid bodies")
+    assert model(designs.read(path), "rigid-body model") == model(design, "rigid-body model")
 
 
 def test_what_a_design_draws_is_part_of_where_results_come_from() -> None:

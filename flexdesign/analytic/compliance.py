@@ -29,7 +29,7 @@ from flexdesign.effects.hinge_compliance import beam
 
 Effects = Mapping[str, Mapping[str, float]]
 TermWithValues = tuple[Term, tuple[tuple[str, float], ...]]
-SOURCE = "compliance model"
+SOURCE, PIVOTS = "compliance model", "compliance model, hinges only rotate"
 
 #: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
 #: compliances [m/N] at the ports, added to those that a quantity's boundary states, a contact's in series with whatever
@@ -252,12 +252,13 @@ class ComplianceModel:
         holds = {"input free": 0.0, "input held": math.inf}
         if self.actuator_stiffness is not None:
             holds["actuator installed"] = self.actuator_stiffness
+        source = SOURCE if self.effects else PIVOTS
         found = [
-            Quantity("K_in", self.input_stiffness(), "N/m", "N/mm", "output free", SOURCE),
-            Quantity("lambda", self.amplification(), "1", "", "output free", SOURCE),
+            Quantity("K_in", self.input_stiffness(), "N/m", "N/mm", "output free", source),
+            Quantity("lambda", self.amplification(), "1", "", "output free", source),
         ]
         for boundary, stiffness in holds.items():
-            found.append(Quantity("K_out", self.output_stiffness(stiffness), "N/m", "N/mm", boundary, SOURCE))
+            found.append(Quantity("K_out", self.output_stiffness(stiffness), "N/m", "N/mm", boundary, source))
         return by_key(quantity for quantity in found if math.isfinite(quantity.value))
 
 

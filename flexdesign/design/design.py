@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -148,14 +149,15 @@ class Design:
         InputError
             If the dimensions cannot be built; it names the field, its value and the allowed range.
         """
-        built: part.Part = self._built()
+        built: part.Part = self._built
         return built
 
     def stage(self) -> Stage:
         """Return the stage with these dimensions; raise InputError as `part` does."""
-        built: Stage = self._built()
+        built: Stage = self._built
         return built
 
+    @cached_property
     def _built(self) -> Any:
         try:
             return self.part_class(**self.dimensions)
@@ -165,6 +167,10 @@ class Design:
             why = part.reason(error, part.file_of(self.part_class))
             remedy = f"fails with {why}; correct the part, or change the dimensions it fails with"
             raise InputError(part.file_of(self.part_class), self.part_class.__name__, None, remedy) from error
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process gets: the design without its part, whose solid may not be copied."""
+        return {key: value for key, value in self.__dict__.items() if key != "_built"}
 
 
 def find(name: str | Path) -> Path:

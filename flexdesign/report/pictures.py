@@ -34,8 +34,10 @@ MARK = "#d62728"
 #: Reports show a picture at about a third of its size: letters are so large that 11 pixels or more remain there. A text
 #: of VTK's in points takes about 1.4 pixels each.
 TITLE, LABEL, NOTE = 40, 36, 24
-#: How far the part stands above the middle, so that a scalar bar has room: relative to half the height.
-LOWERED = 0.15
+#: Share of a picture's height that a scalar bar with its title takes, and that a line of text does.
+BAR_SHARE, LINE_SHARE = 0.2, 0.07
+#: Room around a part, relative to its size: along an edge with letters, and where there are none.
+MARGIN, WIDE_MARGIN = 1.1, 1.32
 #: How a scalar bar is lettered and placed.
 BAR: dict[str, Any] = {
     "color": _INK, "vertical": False, "position_x": 0.25, "position_y": 0.02, "width": 0.5, "height": 0.13,
@@ -192,7 +194,7 @@ def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
     surface["motion"] = np.zeros(surface.n_points)
     plotter.add_mesh(surface, scalars="motion", cmap="viridis", clim=(0.0, 1.0), show_scalar_bar=False)
     _add_outline(plotter, rest, "#8a949e", 1.0)
-    _aim(plotter, rest, np.array([0.45, 0.55, 1.0]), _SMALL)
+    _aim(plotter, [rest], np.array([0.45, 0.55, 1.0]), _SMALL)
 
     def drawn(displacement: FloatArray, phase: float) -> NDArray[np.uint8]:
         surface.points = still + phase * displacement
@@ -239,10 +241,9 @@ def _draw(picture: Picture, pv: Any) -> bytes:
         _add_outline(plotter, grid, _INK, 1.5)
     directions = {"front": (0.0, 0.0, 1.0), "oblique": (0.45, 0.55, 1.0)}
     direction = directions[picture.view] if isinstance(picture.view, str) else picture.view
-    _aim(plotter, grid, np.array(direction), _SIZE, picture.focus)
-    if picture.scalars is not None:  # above the scalar bar
-        plotter.camera.focal_point -= np.array([0.0, LOWERED * plotter.camera.parallel_scale, 0.0])
-        plotter.camera.position -= np.array([0.0, LOWERED * plotter.camera.parallel_scale, 0.0])
+    below = BAR_SHARE if picture.scalars is not None else 0.0
+    above = LINE_SHARE * (len(picture.notes) + (picture.mark is not None))
+    _aim(plotter, [grid, deformed], np.array(direction), _SIZE, picture.focus, (below, above))
     if picture.view == "front":
         _scale_bar(plotter, picture, grid, pv)
     for row, note in enumerate(picture.notes):
@@ -260,6 +261,13 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     return _png(image)
 
 
+def displacement_colours(size: FloatArray) -> tuple[FloatArray, str]:
+    """Return the colours of displacements [m] in a unit in which the largest has few digits, and their label."""
+    largest = float(size.max(initial=0.0))
+    factor, unit = (1e3, "mm") if largest >= 1e-3 else (1e6, "µm") if largest >= 1e-6 else (1e9, "nm")
+    return factor * size, f"displacement [{unit}]"
+
+
 def _skin(grid: Any, subdivision: int = 2) -> Any:
     """Outer surface, without the seams that mirrored halves leave in their symmetry planes."""
     return grid.clean(tolerance=1e-9).extract_surface(algorithm="dataset_surface", nonlinear_subdivision=subdivision)
@@ -274,26 +282,35 @@ def _add_outline(plotter: Any, grid: Any, colour: str, width: float) -> None:
 
 def _aim(
     plotter: Any,
-    grid: Any,
+    grids: Sequence[Any],
     direction: FloatArray,
     size: tuple[int, int],
     focus: tuple[tuple[float, float, float], float] | None = None,
+    lettered: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Look along a direction, at the whole part or at a focus, with parallel rays."""
+    """Look along a direction, at all of the grids or at a focus, with parallel rays.
+
+    Shares of the height `lettered`, below and above, are for letters: the part stands between them.
+    """
     toward = direction / np.linalg.norm(direction)
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[1]) < 0.9 else np.array([0.0, 0.0, -1.0])
     right = np.cross(upright, toward)
     right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(toward, right)])  # across and up, as the camera sees it
-    seen = axes @ grid.points.T
-    centre = np.array(grid.center)
+    upward = np.cross(toward, right)
+    axes = np.stack([right, upward])  # across and up, as the camera sees it
+    seen = axes @ np.concatenate([grid.points for grid in grids]).T
+    centre = np.array(grids[0].center)
     centre += ((seen.min(axis=1) + seen.max(axis=1)) / 2 - axes @ centre) @ axes
-    half = max(np.ptp(seen[1]) / 2, np.ptp(seen[0]) / 2 / (size[0] / size[1])) * 1.32
+    below, above = lettered
+    width, height = np.ptp(seen, axis=1)
+    tall = max(MARGIN / (1.0 - below - above), WIDE_MARGIN) * height
+    half = max(tall, WIDE_MARGIN * width * size[1] / size[0]) / 2
     if focus is not None:
         centre, half = np.array(focus[0]) * 1e3, focus[1] * 1e3
+    centre -= (below - above) * half * upward
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = centre
-    plotter.camera.position = centre + toward * 2 * grid.length  # before all of it
+    plotter.camera.position = centre + toward * 2 * grids[0].length  # before all of it
     plotter.camera.up = upright
     plotter.camera.parallel_scale = half
     plotter.reset_camera_clipping_range()

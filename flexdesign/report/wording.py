@@ -58,7 +58,7 @@ REGIONS = {"hinge": "hinges", "arm": "arms", "rod": "input rods", "guide": "guid
 #: What the names of models mean, stated where they appear first.
 MODELS = {
     "PRB": "the pseudo-rigid-body model, in which hinges bend and all else is rigid",
-    "rigid bodies": "the model in which flexures are beams and all else is rigid",
+    "rigid-body model": "flexures are beams and all else is rigid",
 }
 
 

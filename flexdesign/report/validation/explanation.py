@@ -63,11 +63,9 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
         f"{named} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
         f"{abs(gap):.1f} % {'smaller' if gap > 0 else 'larger'}."
     )
-    if missing:
-        text += f" In percent of FEM's compliance it lacks {missing}."
-    if excess:
-        text += f" It has too much {excess}."
-    return text
+    differences = [f"too small is {missing}"] if missing else []
+    differences += [f"too large is {excess}"] if excess else []
+    return f"{text} In percent of FEM's compliance, {', and '.join(differences)}." if differences else text
 
 
 def _join_pieces(pieces: dict[str, float]) -> str:

@@ -15,11 +15,9 @@ def verdict(check: IndependentCheck) -> str:
         return f"An independent mesh by pytetwild gave no answer: {check.failure}."
     worst = max(check.found, key=lambda key: abs(check.gap(key)) / check.allowed(key))
     gap, allowed = 100 * abs(check.gap(worst)), 100 * check.allowed(worst)
-    where = (
-        f"farthest is the {name_of(check.found[worst])}: {gap:.2g} % off, where both estimates allow {allowed:.2g} %"
-    )
+    where = f"the largest difference is {gap:.2g} %, in the {name_of(check.found[worst])}; {allowed:.2g} % is allowed"
     does = "agrees" if check.agrees else "does NOT agree"
-    return f"One independent mesh of the same domain, by pytetwild, {does} within both estimates ({where})."
+    return f"One independent mesh of the same domain, by pytetwild, {does} within both error estimates: {where}."
 
 
 def section(check: IndependentCheck | None) -> Section:

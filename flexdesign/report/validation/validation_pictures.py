@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from flexdesign.fem.meshing.mesh import mirror_mesh
 from flexdesign.fem.meshing.thin_regions import ThinRegions, main_direction
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
-from flexdesign.report.pictures import Picture, Reel, Shot
+from flexdesign.report.pictures import Picture, Reel, Shot, displacement_colours
 from flexdesign.report.validation import part_view, vibrations
 from flexdesign.workflows.validation import Validation
 
@@ -60,8 +61,6 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
     points, tets, whole = mirror_mesh(solution.positions, solution.nodes, planes, fields)
     vertices, linear, _ = mirror_mesh(level.mesh.points, level.mesh.tets, planes, {})
     motion, stress, label = whole["motion"], whole["stress"], "von Mises stress [MPa]"
-    travel = np.linalg.norm(motion, axis=1)
-    scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
     place, peak, hinge = hinge_maximum(solution)
     mark = (place, f"{'largest on this mesh' if validation.sharp else 'maximum'}: {1e-6 * force * peak:.3g} MPa")
     focus = (hinge.centre, 1.6 * max(hinge.length, 4 * hinge.thickness))
@@ -76,10 +75,7 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
             f"The mesh at {hinge.name}, refined at the roots",
         ),
         (
-            Picture(
-                "deformation.png", points, tets, scale * motion, travel * 1e6, "displacement [µm]",
-                limits=(0.0, 1e6 * float(travel.max())), notes=[f"displacements drawn {scale:g} times as large"],
-            ),
+            _deformation(points, tets, motion, "front"),
             f"Deformation at {boundary}, with the undeformed outline",
         ),
         (
@@ -96,6 +92,17 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
     ]  # fmt: skip
 
 
+def _deformation(points: FloatArray, tets: IntArray, motion: FloatArray, view: Literal["front", "oblique"]) -> Picture:
+    """Return the picture of a deformed part, its displacements [m] drawn larger."""
+    travel = np.linalg.norm(motion, axis=1)
+    scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
+    colours, label = displacement_colours(travel)
+    notes = [f"displacements drawn {scale:g} times as large"]
+    return Picture(
+        "deformation.png", points, tets, scale * motion, colours, label, (0.0, colours.max()), view=view, notes=notes
+    )
+
+
 def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
     """Return mesh, deformation and stress of a part that names no hinges, and its mesh where it is thinnest."""
     level, solution, planes = validation.finest, validation.finest.solution, validation.domain.planes
@@ -106,19 +113,13 @@ def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
     field = solution.input_field if validation.has_input else solution.output_field
     points, tets, whole = mirror_mesh(solution.positions, solution.nodes, planes, {"motion": load * field})
     vertices, linear, _ = mirror_mesh(level.mesh.points, level.mesh.tets, planes, {})
-    travel = np.linalg.norm(whole["motion"], axis=1)
-    scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
     jobs = [
         (
             Picture("mesh.png", vertices, linear, edges=True, view="oblique"),
             "The finest mesh, graded by the thickness found on the solid",
         ),
         (
-            Picture(
-                "deformation.png", points, tets, scale * whole["motion"], travel * 1e6, "displacement [µm]",
-                limits=(0.0, 1e6 * float(travel.max())), view="oblique",
-                notes=[f"displacements drawn {scale:g} times as large"],
-            ),
+            _deformation(points, tets, whole["motion"], "oblique"),
             f"Deformation at {boundary}, with the undeformed outline",
         ),
     ]  # fmt: skip
