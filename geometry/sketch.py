@@ -32,6 +32,8 @@ class Sketch:
     def planned(cls, plan: Plan) -> type[Sketch]:
         """Return the class of the mechanism that a plan draws."""
         own = {"plan": plan, "dimensions": plan.dimensions, "drawn_as": repr(plan.tables), "__module__": cls.__module__}
+        if not plan.tables.of_role("input"):  # a joint: nothing drives it
+            own["left_out"] = frozenset({"formulas", "formula_shares", "intermediates"})
         return type("Sketch", (cls,), own)
 
     def __init__(self, **dimensions: float) -> None:
@@ -70,8 +72,8 @@ class Sketch:
         return self.section.symmetry()
 
     def linkage(self) -> Linkage:
-        """Return flexures, arms and blocks as members between nodes."""
-        return self._linkage
+        """Return flexures, arms and blocks as members between nodes; of a joint none, which is solved as a solid."""
+        return self._linkage if self.drawing.carried_by("input") else Linkage({}, ())
 
     @cached_property
     def _linkage(self) -> Linkage:

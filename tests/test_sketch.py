@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+import flexdesign
 from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core import toml_files
 from flexdesign.core.errors import InputError
@@ -475,6 +476,14 @@ REFUSED = {
     ),
     "an axis where none has a name": (("format = 1", 'format = 1\nactive_axis = "z"'), "active_axis", "leave it out"),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
+    "no side": ((', side = "-y"', ""), "port.3.side", 'or at = ["x", "y"], a point on the side'),
+    "a side and a point": (('side = "-y"', 'side = "-y", at = ["0 mm", "-height"]'), "port.3.side", "or at ="),
+    "a point on no side": (
+        ('side = "-y"', 'at = ["0 mm", "-height - 1 mm"]'), "port.ground.at", "is on no side of the body base",
+    ),
+    "a point at a corner": (
+        ('side = "-y"', 'at = ["spacing", "-height"]'), "port.ground.at", "is a corner of the body base",
+    ),
 }  # fmt: skip
 
 
@@ -506,6 +515,66 @@ def test_an_actuator_may_push_off_the_ground(tmp_path: Path) -> None:
     (tmp_path / "pushing.toml").write_text(pushing, encoding="utf-8")
     found = model(designs.read(tmp_path / "pushing.toml"), "rigid-body model")
     assert found == pytest.approx(model(sketch("parallelogram"), "rigid-body model"), rel=1e-9)
+
+
+OBLIQUE_LEVER = """
+format = 1
+part = "sketch"
+material = "Al 7075-T6"
+body = [
+    { name = "base", box = ["-20 mm", "-10 mm", "-l", "2 mm"] },
+    { name = "lever", polygon = [
+        ["l", "-3 mm"], ["45 mm", "-3 mm"], ["45 mm", "3 mm"], ["6 mm", "3 mm"], ["l", "9 mm - l"],
+    ] },
+]
+flexure = [{ name = "pivot", between = ["base", "lever"], from = ["-l", 0], to = ["l", 0], thickness = "0.5 mm" }]
+port = [
+    { role = "input", body = "lever", at = ["5 mm", "4 mm"] },
+    { role = "output", body = "lever", at = ["30 mm", "3 mm"] },
+    { role = "ground", body = "base", side = "-y" },
+]
+[plate]
+thickness = "10 mm"
+[dimensions]
+l = "1.5 mm"
+"""
+
+
+def test_an_input_may_be_pushed_obliquely(tmp_path: Path) -> None:
+    """About the pivot the push along (-1, -1) has an arm of (y - x) / sqrt(2), the output one of its x."""
+    (tmp_path / "lever.toml").write_text(OBLIQUE_LEVER, encoding="utf-8")
+    design = designs.read(tmp_path / "lever.toml")
+    push, output, _ = design.part().ports()
+    assert push.normal == pytest.approx((math.sqrt(0.5), math.sqrt(0.5), 0.0))
+    assert push.point == pytest.approx(((6e-3 + 1.5e-3) / 2, (3e-3 + 7.5e-3) / 2, 0.0))
+    arm = (push.point[1] - push.point[0]) / math.sqrt(2)
+    assert model(design, "PRB")["lambda_output_free"] == pytest.approx(output.point[0] / arm, rel=1e-6)
+
+
+JOINT = TWO_LEAVES.replace('    { role = "input", body = "table", side = "-x" },\n', "").replace(
+    '"table", side = "+x"', '"table", side = "+y", interface = "rigid"'
+)
+
+
+def test_a_sketch_without_inputs_is_a_joint(tmp_path: Path) -> None:
+    path = tmp_path / "joint.toml"
+    path.write_text(JOINT, encoding="utf-8")
+    part = designs.read(path).part()
+    assert [(port.role, port.rigid) for port in part.ports()] == [("output", True), ("ground", False)]
+    assert not parts.states(part, "formulas") and not part.linkage().members
+
+
+@pytest.mark.slow
+def test_a_joint_has_the_stiffness_of_its_leaves(tmp_path: Path) -> None:
+    """Two guided leaves: along x 2 x 12 E I / L^3, as the closed form of the parallelogram with an input."""
+    path = tmp_path / "joint.toml"
+    path.write_text(JOINT, encoding="utf-8")
+    found = flexdesign.validate(path, cache=tmp_path / "cache")
+    design = sketch("parallelogram")
+    leaf = 12 * bending(design) / design.dimensions["length"] ** 3
+    fem = found["k_x_other_motions_held"]
+    assert fem.half_width is not None and fem.half_width < 0.02 * fem.value
+    assert fem.value == pytest.approx(2 * leaf, rel=0.03)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

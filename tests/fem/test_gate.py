@@ -52,6 +52,15 @@ def on_top(mesh: TaggedMesh) -> Array:
 # --- leaves -------------------------------------------------------------------------------------------------------
 
 
+def test_leaf_between_oblique_sides_passes() -> None:
+    """Within half a thickness of its ends such a leaf has one side only."""
+    mesh = leaf()
+    x, y, z = mesh.points.T
+    assert (
+        resolution_gate.check(moved(mesh, np.stack([x + y, y, z], axis=1)), EVERYWHERE, [LEAF])[0].deviation < ROUNDING
+    )
+
+
 @pytest.mark.parametrize("angle", [0.0, 0.35, math.pi / 2, -2.8])
 def test_exact_leaf_passes_whichever_way_it_points(angle: float) -> None:
     offset = np.array([7e-3, -3e-3, 0.0])

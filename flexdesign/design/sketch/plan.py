@@ -84,7 +84,7 @@ class Plan:
         thick = number("plate.thickness")
         if not thick > 0:
             raise InputError("design", "plate.thickness", f"{1e3 * thick:g} mm", "must be more than 0 mm")
-        by_axis = {each: list(self._ports(bodies, each)) for each in self.axes}
+        by_axis = {each: list(self._ports(number, bodies, each)) for each in self.axes}
         for ports in by_axis.values():
             _require_moving(ports)
             _require_apart(ports)
@@ -123,26 +123,31 @@ class Plan:
                 _add(flexures, flexure, "flexure")
         return flexures
 
-    def _ports(self, bodies: Mapping[str, Body], axis: str) -> Iterator[tuple[Port, str]]:
+    def _ports(self, number: Number, bodies: Mapping[str, Body], axis: str) -> Iterator[tuple[Port, str]]:
         """Yield the ports with their bodies; inputs and outputs of other axes are left out."""
         names: list[str] = []
         for role in ("input", "output", "ground"):
             tables = self.tables.of_role(role)
-            for number, table in enumerate(tables, 1):
-                base = table.name or (role if len(tables) == 1 else f"{role}_{number}")
+            for count, table in enumerate(tables, 1):
+                base = table.name or (role if len(tables) == 1 else f"{role}_{count}")
                 images = list(_images(table))
                 for image, (suffix, turn) in enumerate(images):
                     if role != "ground" and table.axes[image * table.repeat // len(images)] != axis:
                         continue
                     body = _image(bodies, table.body, turn, f"port.{base}")
-                    way = turn @ np.array(_SIDES[table.side])
-                    middle = _side(bodies[body].corners, way, f"port.{base}.side", table.side)
+                    corners = bodies[body].corners
+                    if table.side is not None:
+                        way = turn @ np.array(_SIDES[table.side])
+                        middle = _side(corners, way, f"port.{base}.side", table.side)
+                    else:
+                        point = turn @ _point(number, f"port.{self.tables.port.index(table) + 1}.at")
+                        middle, way = _side_at(corners, point, f"port.{base}.at", body)
                     name = f"{base}{suffix}"
                     if name in names:
                         raise InputError("design", "port", name, 'two ports have this name; write name = "..." in one')
                     names.append(name)
                     at, normal = (float(middle[0]), float(middle[1]), 0.0), (float(way[0]), float(way[1]), 0.0)
-                    yield Port(name, role, at, normal), body
+                    yield Port(name, role, at, normal, rigid=table.interface == "rigid"), body
 
 
 def _require_moving(ports: Sequence[tuple[Port, str]]) -> None:
@@ -221,6 +226,19 @@ def _side(corners: Array, way: Array, where: str, side: str) -> Array:
     reach = (corners @ way).max()
     outer = ends[(np.abs(ends @ way - reach) < 10 * polygons.TOLERANCE).all(axis=1)]
     if len(outer) != 1:
-        remedy = "the body has no one straight side there; give it one that looks this way and lies outermost"
+        remedy = 'the body has no one straight side there; name a side by a point on it: at = ["x", "y"]'
         raise InputError("design", where, side, remedy)
     return np.asarray(outer[0].mean(axis=0))
+
+
+def _side_at(corners: Array, point: Array, where: str, body: str) -> tuple[Array, Array]:
+    """Return the middle of the straight side on which a point lies, and its outward normal."""
+    found = [ends for ends in polygons.sides(corners) if polygons.on_boundary(ends, point)]
+    at = " ".join(f"{1e3 * value:.6g} mm" for value in point)
+    if not found:
+        raise InputError("design", where, at, f"is on no side of the body {body}; give a point on one of its sides")
+    if len(found) > 1:
+        raise InputError("design", where, at, f"is a corner of the body {body}; give a point between two corners")
+    start, end = found[0]
+    right = np.array([end[1] - start[1], start[0] - end[0]]) / np.linalg.norm(end - start)
+    return (start + end) / 2, polygons.winding(corners) * right

@@ -92,7 +92,8 @@ def _require_used(expressions: Mapping[str, Expression], named: Mapping[str, obj
 
 
 def _require_axes(plan: Plan, path: Path) -> None:
-    for role in ("ground", "input", "output"):
+    has_inputs = bool(plan.tables.of_role("input"))
+    for role in ("ground", "output"):
         if not plan.tables.of_role(role):
             remedy = f'there is none of the role {role}; add [[port]] with role = "{role}", body and side'
             raise InputError(path, "port", None, remedy)
@@ -105,7 +106,7 @@ def _require_axes(plan: Plan, path: Path) -> None:
         if names.count(axis) > 1:
             remedy = 'two outputs have this axis; name the axis of each output and input: axis = "x"'
             raise InputError(path, "port.axis", axis or None, remedy)
-        if axis not in [each for port in plan.tables.of_role("input") for each in port.axes]:
+        if has_inputs and axis not in [each for port in plan.tables.of_role("input") for each in port.axes]:
             raise InputError(path, "port.axis", None, f'no input has the axis "{axis}" of this output; add one')
     active = plan.tables.active_axis
     if active and active not in names:
@@ -172,6 +173,11 @@ def _texts(tables: SketchTables, path: Path) -> Iterator[tuple[str, Text, str]]:
         yield f"{where}.fillet", flexure.fillet, "m"
         if flexure.depth is not None:
             yield f"{where}.depth", flexure.depth, "m"
+    for i, port in enumerate(tables.port, 1):
+        if (port.side is None) == (port.at is None):
+            remedy = 'say which side it is: side = "-x", or at = ["x", "y"], a point on the side'
+            raise InputError(path, f"port.{i}.side", port.side, remedy)
+        yield from listed(f"port.{i}.at", port.at or ())
 
 
 def _understood(

@@ -111,7 +111,12 @@ class Section:
                     yield np.array([corner, foot, point])
 
     def symmetry(self) -> tuple[SymmetryPlane, ...]:
-        """Return the coordinate planes in which section and ports are their own mirror images, and z = 0."""
+        """Return the coordinate planes in which section and ports are their own mirror images, and z = 0.
+
+        A rigid port that moves is not cut: with one there are none.
+        """
+        if any(port.rigid and port.role != "ground" for port in self.drawing.ports):
+            return ()
         found = [self._mirrored(index) for index in (0, 1)]
         return (*(plane for plane in found if plane is not None), SymmetryPlane("z", {}))
 

@@ -52,11 +52,13 @@ class FlexureTable(Repeated):
 
 
 class PortTable(Repeated):
-    """A port: the outermost straight side of a body in a direction."""
+    """A port: the outermost straight side of a body in a direction, or the straight side on which a point lies."""
 
     role: Literal["ground", "input", "output"] = Field(examples=['role = "input"'])
     body: str = Field(examples=['body = "table"'])
-    side: Literal["-x", "+x", "-y", "+y"] = Field(examples=['side = "-x"'])
+    side: Literal["-x", "+x", "-y", "+y"] | None = Field(default=None, examples=['side = "-x"'])
+    at: tuple[Text, Text] | None = None
+    interface: Literal["traction", "rigid"] = "traction"
     name: str = ""
     axis: str | list[str] = ""
 

@@ -155,14 +155,17 @@ def _measure(surface: FloatArray, hinge: Member, along: int = 21, across: int = 
     near = np.all(np.abs(facets[:, :, 0]).min(axis=1, keepdims=True) <= hinge.length / 2, axis=1)
     near &= np.abs(facets[:, :, 2]).max(axis=1) <= 2 * hinge.thickness_at(hinge.length / 2)
     facets = facets[near]
-    s = np.linspace(-0.49, 0.49, along) * hinge.length
+    curved = profile.is_curved(hinge)
+    reach = 0.49 * hinge.length
+    if not curved and hinge.root_radius == 0:  # next to an oblique side a leaf has one surface only
+        reach = max(hinge.length / 2 - hinge.thickness, hinge.length / 4)
+    s = np.linspace(-reach, reach, along)
     low = facets[:, :, 1].min(initial=0.0)
     high = facets[:, :, 1].max(initial=0.0)
     z = low + (high - low) * (np.arange(across) + 0.5) / across
     grid = np.stack(np.meshgrid(s, z, indexing="ij"), axis=-1).reshape(-1, 2)
     measured = _thickness(facets, grid)
     nominal = np.array([hinge.thickness_at(value) for value in grid[:, 0]])
-    curved = profile.is_curved(hinge)
     filleted = hinge.root_radius > 0 and not curved
     middle = min(hinge.length / 4, hinge.length / 2 - 2 * hinge.root_radius) if filleted else math.inf
     central = np.abs(grid[:, 0]) <= max(middle, hinge.length / 20)

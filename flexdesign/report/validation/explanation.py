@@ -52,13 +52,13 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
     model = next(iter(comparison.analytic))
     error = comparison.error(model)
     if error is None or abs(error) < AGREEMENT:
-        return f"{model} agrees with FEM in {what} within {100 * AGREEMENT:g} %."
+        return f"{_spoken(model)} agrees with FEM in {what} within {100 * AGREEMENT:g} %."
     total = sum(split.values())
     gaps = {piece: (value - formula.get(piece, 0.0)) / total for piece, value in split.items()}
     missing = _join_pieces({piece: gap for piece, gap in gaps.items() if gap > NAMED})
     excess = _join_pieces({piece: -gap for piece, gap in gaps.items() if gap < -NAMED})
     gap = 100 * (1 - 1 / (1 + error))
-    named = f"{model} ({MODELS[model]})" if first and model in MODELS else model
+    named = f"{_spoken(model)} ({MODELS[model]})" if first and model in MODELS else _spoken(model)
     text = (
         f"{named} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
         f"{abs(gap):.1f} % {'smaller' if gap > 0 else 'larger'}."
@@ -66,6 +66,11 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
     differences = [f"too small is {missing}"] if missing else []
     differences += [f"too large is {excess}"] if excess else []
     return f"{text} In percent of FEM's compliance, {', and '.join(differences)}." if differences else text
+
+
+def _spoken(model: str) -> str:
+    """Return the name of a model as it begins a sentence: a column's head has no article."""
+    return f"The {model}" if model.endswith("model") else model
 
 
 def _join_pieces(pieces: dict[str, float]) -> str:
