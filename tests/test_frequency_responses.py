@@ -101,6 +101,7 @@ def changed(row: int, cell: int, value: float) -> list[list[float]]:
         (POLAR, polar(), "averages = 1\n", "averages", "no coherence"),
         (POLAR, polar(), 'band = ["500 Hz", "1 kHz"]\n', "", "at least 8"),
         (POLAR, polar(), 'band = ["1 kHz", "1 Hz"]\n', "band", "the first must be the lower one"),
+        (POLAR, polar(), "decimate = 4\n", "run.decimate = 4", "holds for runs, and sweep.csv is a frequency response"),
     ],
 )
 def test_what_is_wrong_is_named(
@@ -110,6 +111,14 @@ def test_what_is_wrong_is_named(
         read_frequency_response(written(tmp_path, header, rows, said))
     assert place in str(refused.value)
     assert words in str(refused.value)
+
+
+def test_a_run_in_time_has_no_averages(tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.001 * k},{k % 7},{0.1 * (k % 7)}" for k in range(40))
+    (tmp_path / "steps.csv").write_text(f"t [s],u [V],x [um]\n{rows}\n")
+    (tmp_path / "measurements.toml").write_text('[[run]]\nfile = "steps.csv"\naverages = 16\n')
+    with pytest.raises(InputError, match=r"run\.averages = 16: holds for a frequency response, and steps\.csv is a"):
+        read_recordings([tmp_path])
 
 
 def test_lines_without_numbers_are_left_out_and_said(tmp_path: Path) -> None:

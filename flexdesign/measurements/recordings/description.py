@@ -170,6 +170,11 @@ class Conditions(toml_files.Table):
     temperature: Annotated[float | None, BeforeValidator(_kelvin)] = None
 
 
+#: What can be said of a recording in time alone, and of a frequency response alone.
+OF_RUNS = ("closed_loop", "between_samples", "decimate")
+OF_RESPONSES = ("input", "output", "amplitude", "bias", "averages", "band", "period")
+
+
 class RunSettings(toml_files.Table):
     """What can be said of one run."""
 
@@ -261,3 +266,14 @@ def read_measurements(path: Path) -> Measurements:
             raise InputError(path, f"{place}.file", run.file, "is described twice; keep one of the two tables")
         stated_runs[run.file] = run
     return Measurements(path, setup, stated_runs)
+
+
+def require_applicable(measurements: Measurements, settings: RunSettings, *, of_run: bool) -> None:
+    """Raise InputError if a ``[[run]]`` says of a run what only a frequency response has, or the other way around."""
+    for key in OF_RESPONSES if of_run else OF_RUNS:
+        if key in settings.model_fields_set:
+            kinds = ("a frequency response", "a recording in time") if of_run else ("runs", "a frequency response")
+            file = settings.file if isinstance(settings, RunTable) else ""
+            value = toml_files.as_written(getattr(settings, key))
+            remedy = f"holds for {kinds[0]}, and {file} is {kinds[1]}; leave it out"
+            raise InputError(measurements.path, f"run.{key}", value, remedy)

@@ -22,7 +22,7 @@ from flexdesign.core import unit_tables, units
 from flexdesign.core.arrays import Array, Complex
 from flexdesign.core.errors import InputError
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.measurements.recordings.description import Measurements, RunSettings
+from flexdesign.measurements.recordings.description import Measurements, RunSettings, require_applicable
 from flexdesign.measurements.recordings.run import AXES, CommandIs, Role
 
 #: How the first column is called, and how a file says its response: magnitude and phase, or both parts.
@@ -152,6 +152,7 @@ def read(path: Path, measurements: Measurements, settings: RunSettings) -> Frequ
         If the file is no such table, a unit is wrong, frequencies do not increase from above zero, a coherence is not
         between 0 and 1, both shapes are mixed, or fewer than eight lines can be used.
     """
+    require_applicable(measurements, settings, of_run=False)
     sheet = unit_tables.read(path, ALLOWED, gaps=True, plain=PLAIN)
     response = _response(sheet)
     sheet, response, outside = _in_band(sheet, response, settings.band)

@@ -26,6 +26,7 @@ from flexdesign.measurements.recordings.description import (
     SensorTable,
     Setup,
     read_measurements,
+    require_applicable,
 )
 from flexdesign.measurements.recordings.frequency_response import FrequencyResponse
 from flexdesign.measurements.recordings.run import AXES, COMMANDS, Run, Sensor
@@ -83,6 +84,7 @@ def read_run(path: str | Path) -> Run:
 
 def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run:
     setup = measurements.setup
+    require_applicable(measurements, settings, of_run=True)
     sensors = _sensors(sheet, measurements)
     stated = settings.between_samples or setup.between_samples
     between = stated or "linear"
