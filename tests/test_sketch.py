@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import flexdesign
+from flexdesign.analytic import rigid_bodies
 from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core import toml_files
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import design as designs
 from flexdesign.design import part as parts
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
 from flexdesign.design.sketch import polygons
+from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.meshing import domain, polygon_domain
-from flexdesign.workflows.validation import Validation, validate
+from flexdesign.workflows.validation import Validation, validate, validate_part
 from studies.notch_profiles import levers
 
 GEOMETRY = Path(__file__).resolve().parents[1] / "geometry"
@@ -583,6 +588,18 @@ def test_a_design_file_that_is_written_anew_draws_the_same(name: str, tmp_path: 
     design, path = sketch(name), tmp_path / "again.toml"
     path.write_text(designs.to_toml(design, toml_files.read_toml(design.file), tmp_path), encoding="utf-8")
     assert model(designs.read(path), "rigid-body model") == model(design, "rigid-body model")
+
+
+def test_a_first_mode_out_of_the_plane_is_not_compared_with_planar_bodies() -> None:
+    modes = [ModeRecord(90.0, "even in x, odd in z", 1e-3, 0.0, installed=False)]
+    modes += [ModeRecord(120.0, "even in z", 1e-3, 1.0, installed) for installed in (False, True)]
+    solution = cast(Solution, SimpleNamespace(compliance=SimpleNamespace(has_input=True), modes=modes))
+    boundaries = ("input free", "actuator installed")
+    planar = by_key(Quantity("first_frequency", 118.0, "Hz", "Hz", each, rigid_bodies.SOURCE) for each in boundaries)
+    spatial = by_key(Quantity("first_frequency", 91.0, "Hz", "Hz", each, "a formula of my own") for each in boundaries)
+    found = validate_part.planar({"rigid-body model": planar, "mine": spatial}, solution)
+    assert [*found["rigid-body model"]] == ["first_frequency_actuator_installed"]
+    assert found["mine"] == spatial
 
 
 def test_what_a_design_draws_is_part_of_where_results_come_from() -> None:
