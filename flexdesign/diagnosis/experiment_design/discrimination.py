@@ -112,10 +112,10 @@ def resolve_effects(
 ) -> Resolved:
     """Return which experiments distinguish two effects.
 
-    The first effect is as strong as changes the standard multisine by 1 % of the stroke, rms, or by a tenth of its
-    response where that is less; the second such that it agrees with the first there as well as it can. In every
-    experiment the second is given the gain, the offset and the damping that fit the first best, as nobody knows these
-    well enough to go by them; a static push is compared as it is read.
+    The strength of the first effect changes the response to the standard multisine by 1 % of the stroke, rms, or by a
+    tenth of that response where this is less. The strength of the second effect minimises the difference from the first
+    there. In every experiment gain, offset and damping of the second are refitted to the first, as they are not known
+    well enough; a static push is compared as it is read.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def resolve_effects(
 def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
     """Return those of the experiments that distinguish two effects, and the record of the noise.
 
-    What is compared with a repetition needs the first time too: the multisine that the added mass repeats.
+    The added mass repeats a multisine, which is then needed as well.
     """
     wanted = {each.command.name for each in resolved.proposed} | {"quiet"}
     if any(each.command.mass_ratio for each in resolved.proposed):
@@ -160,7 +160,7 @@ def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> 
 
 
 def steady(command: Command) -> slice:
-    """Return which samples count: of a multisine its whole periods, without the way there and back."""
+    """Return the samples that are compared: of a multisine its whole periods, without the ramps before and after."""
     if command.kind != "multisine":
         return slice(None)
     first, last = (round(command.marks[end] / command.period) for end in (0, -1))
@@ -175,9 +175,10 @@ def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
 
 
 def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[Command]) -> float:
-    """Return the strength at which an effect changes the standard multisine visibly, or what shows it best.
+    """Return the strength at which an effect changes the response to the standard multisine visibly.
 
-    No more than a share of the response itself: a stage without a resonance answers a multisine by little.
+    The change is at most a share of that response, which is small without a resonance. If the multisine does not show
+    the effect, the strength is that of the experiment that shows it best.
     """
     without = reading(effect.without, standard)
     cut = steady(standard)
@@ -280,9 +281,9 @@ class Proposal:
 def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None) -> tuple[Proposal, ...]:
     """Return for every group of confounded effects the experiments that would distinguish them.
 
-    The menu is that of this package: what the command can do within the limits of the axis, a known added
-    mass, a static push, another axis, warmth. Each is simulated with either effect, on the model with all else that was
-    found, and its difference counted in the noise of the runs.
+    The candidates are commands within the limits of the axis, a known added mass, a static push, motion of another
+    axis, and a change of temperature. Each is simulated with either effect in the diagnosed model; the difference is
+    stated as a multiple of the noise of the runs.
     """
     return tuple(_proposal(found, group, progress) for group in found.confusable)
 

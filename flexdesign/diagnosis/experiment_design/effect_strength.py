@@ -23,11 +23,11 @@ from flexdesign.dynamics.stage_model import AxisModel, fields
 STRENGTH_TOLERANCE = 0.03
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
 VISIBLE_SHARE = 0.01
-#: Experiments within this factor show an effect equally well: then the plainer one comes first.
+#: Experiments within this factor show an effect equally well: then the simpler one comes first.
 EQUAL_FACTOR = 1.25
-#: Below this share of the stroke nothing is seen.
+#: A change below this share of the stroke cannot be seen.
 INVISIBLE_SHARE = 1e-5
-#: An experiment shows an effect if it changes by this share of what it changes in the best one.
+#: An experiment shows an effect if it changes the reading by this share of the change in the best experiment.
 SHOWN_SHARE = 0.1
 #: Words by which the catalogue names each kind of experiment.
 KIND_WORDS = {
@@ -254,7 +254,7 @@ class EffectResponse:
 
     @property
     def left(self) -> float:
-        """What of the change a new gain and a new offset cannot take up, rms [response]."""
+        """The change that a refitted gain and offset do not explain, rms [response]."""
         return rms(self.affected - fit_linear(self.without, self.affected)[0])
 
 
@@ -316,7 +316,7 @@ def _columns(name: str) -> tuple[str, ...]:
 
 
 def names_kind(reveal: str, kind: str) -> bool:
-    """Tell whether an effect's own words name a kind of experiment.
+    """Tell whether an effect's description names a kind of experiment.
 
     >>> names_kind("a step held for a hundred seconds or more", "hold"), names_kind("a quiet record", "triangle")
     (True, False)
@@ -325,9 +325,10 @@ def names_kind(reveal: str, kind: str) -> bool:
 
 
 def _sort(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
-    """Return experiments by what they show: those that the effect's own words name first, if they do show it.
+    """Return experiments in the order of the change that a refitted gain does not explain.
 
-    What counts is what a new gain does not take up, unless the effect is one of gain.
+    Those that the effect's description names come first, if they show it. Of an effect on the gain the whole change
+    counts.
     """
     largest = max((each.change for each in seen), default=0.0)
     is_gain = max((each.left for each in seen), default=0.0) < 0.05 * largest

@@ -1,7 +1,7 @@
-"""The experiments that a diagnosis lives on, shaped to one axis: its limits, its modes, its damping.
+"""The experiments that a diagnosis needs, adapted to the limits, modes and damping of one axis.
 
-Each shows what the others hide: noise without motion, dynamics at several sizes, the loop at two rates, what goes on
-after a step, what a known mass changes. Runs for validation are of other shapes, so that no fit can learn them.
+They record the noise at rest, the dynamics at several amplitudes, the hysteresis loop at two rates, the response long
+after a step, and the change by a known mass. The validation runs have commands of other shapes.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel
 
-#: Peak to peak of the multisines, per range of voltage: noise shows at the first, the stage's laws at the last.
+#: Peak to peak of the multisines, per range of voltage: the noise dominates the first, nonlinearity the last.
 MULTISINE_LEVELS = {"small": 0.04, "medium": 0.2, "large": 0.6}
 #: Realisations of each: what differs between them, beyond noise, is nonlinear.
 REALISATIONS = ("a", "b")
 #: Periods that are kept of each, after one in which the stage settles: what differs between them is noise.
 PERIODS_KEPT = 2
-#: How long the step is held [s]: creep of a stack still goes on then, and three decades of it have been seen.
+#: How long the step is held [s]: three decades of the creep of a stack, which then still goes on.
 STEP_HOLD = 100.0
-#: How long nothing moves [s]: a hundred periods of mains hum.
+#: Length of the record at rest [s]: a hundred periods of mains hum.
 QUIET_TIME = 2.0
 #: An added mass of this share of the moving one lowers the resonance by 5 %.
 ADDED_MASS = 0.1
@@ -46,7 +46,7 @@ TRANSITION_PERIODS = 8
 SAME_WITH_MASS = "multisine_medium_a"
 #: A static push moves the output by this share of its stroke.
 STATIC_PUSH = 0.02
-#: Below this share of what was wanted an experiment shows nothing any more.
+#: Least share of its intended amplitude at which an experiment is still useful.
 LEAST_SHARE = 0.05
 #: The motion may pass the ends of the static range by this share of the stroke.
 OVERTRAVEL = 0.05
@@ -54,7 +54,7 @@ OVERTRAVEL = 0.05
 
 @dataclass(frozen=True)
 class Times:
-    """What the modes of an axis ask for.
+    """Times and frequencies that the modes of an axis require.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...
 
 @dataclass(frozen=True)
 class _Maker:
-    """What the experiments are made from."""
+    """The inputs of all experiments."""
 
     model: AxisDynamics
     limits: Limits
@@ -177,10 +177,10 @@ class _Maker:
         return np.concatenate([first, samples, last[1:]]), len(first) * self.period
 
     def within(self, name: str, make: Callable[[float], Array]) -> tuple[float, str]:
-        """Return how large a wave may be, at most one, and what held it back.
+        """Return the factor, at most one, by which a wave must be reduced, and the limit that requires it.
 
-        ``make(share)`` gives the command of a size. It may change no faster than the slew limit, and by the model move
-        no farther than the ends of the static range: at a resonance a small tone goes far.
+        ``make(share)`` returns the command at a factor. Its slope must stay within the slew limit, and the motion that
+        the model predicts within the static range: at a resonance a small tone moves far.
         """
         share, why = 1.0, ""
         steepest = float(np.abs(np.diff(make(1.0))).max())
