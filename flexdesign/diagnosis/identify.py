@@ -1,9 +1,9 @@
 """Identification: free parameters of one axis of a stage model, fitted to recorded runs, and their identifiability.
 
-A number with a stated uncertainty is prior knowledge; one that was assumed is free without it. What the runs do not
-determine keeps its old value: parameters are held one by one, the one asked for last first, and the others are fitted
-again, so that the model that is written matches the runs with the values that stand in it. Where an old value
-contradicts the runs, the value of the best fit is held instead, one of many, and marked as assumed.
+A stated uncertainty is a prior; an assumed number has none. Parameters that the runs do not determine are held at their
+old values, one by one from the last in the list, and the others are fitted again, so that the written model matches the
+runs with the values in it. If an old value contradicts the runs, the parameter is held at its best fit and marked as
+assumed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """A fitted stage model, and what stands behind it.
+    """A fitted stage model with its estimates, fits and runs.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ class Identification:
     evaluations, seconds
         Number of simulations, and how long it took.
     noise
-        The noise of the runs, measured where nothing but noise should be there.
+        The noise of the runs, measured where the command is at rest or repeats.
     doubts
-        What is doubtful about the units of runs, in sentences.
+        Doubts about the units of runs, in sentences.
     """
 
     before: StageModel
@@ -102,7 +102,7 @@ class Identification:
 
     @property
     def response(self) -> str:
-        """SI unit of the response, which knows in which units it is written."""
+        """Units of the response."""
         return self.before.axes[self.axis].response_units
 
 
@@ -200,7 +200,7 @@ def _without_interval(estimate: Estimate) -> Estimate:
 
 
 class _Search:
-    """The fits of an identification: what turns out undetermined is held, until all that is free is determined."""
+    """The fits of an identification: undetermined parameters are held until all free ones are determined."""
 
     def __init__(
         self,
@@ -273,7 +273,7 @@ def _in_a_loop(run: Run, axis: str) -> tuple[str, ...]:
 
 
 def _update(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
-    """Return the fitted axis with how well its numbers are known, and from where."""
+    """Return the fitted axis with the uncertainties and sources of its numbers."""
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
     relative = {name: sigmas[name] / abs(v) if v and name in sigmas else math.inf for name, v in values.items()}
     known = known_axis(axis, relative, runs)
@@ -285,7 +285,7 @@ def _update(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs:
 
 
 def known_axis(axis: AxisModel, relative: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
-    """Return an axis that says of fitted numbers how well they are known, and from where."""
+    """Return an axis with the uncertainties and sources of its fitted numbers."""
     uncertainty = {name: sigma for name, sigma in axis.uncertainty.items() if name not in relative}
     uncertainty |= {name: _round(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
     sources = dict(axis.sources) | dict.fromkeys(relative, f"identified from {listed_runs(runs)}")

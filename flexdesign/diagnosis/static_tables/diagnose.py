@@ -1,9 +1,9 @@
 """Diagnosis of a static table: which physics the compliance model of a design lacks, or that nothing is missing.
 
-Every static effect that the model has not is fitted alone, and in pairs where one does not do. What is known of the
-measurements, of the tolerances of the part and of the model's own accuracy stands in the weights (`Uncertainty`), so
-that nothing is named for what a part may be off by anyhow. What fits as well as the best is stated too, with the
-measurement that would distinguish them.
+Every static effect that the model lacks is fitted alone, and in pairs if no single one suffices. The weights hold the
+uncertainty of the measurements, the tolerances of the part and the accuracy of the model (`Uncertainty`), so that no
+effect is named for a deviation within them. Effects that fit as well as the best are stated with the measurement that
+would distinguish them.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fit_with
 from flexdesign.effects import statics
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 
-#: Effects that are the answer only if no other is: turned arms pass for any offset that was not drawn, and tables are
-#: mostly taken at rest. They are not tried in pairs.
+#: Effects that are named only if no other explains the table: turned arms imitate any offset that was not drawn, and
+#: most tables are measured at rest. They are not tried in pairs.
 TRIED_LAST = ("geometric_stiffening",)
-#: The same of a table of several parts: one member is seldom off alike in parts that were made one by one.
+#: The same for a table of several parts: the same member seldom deviates alike in parts that were made one by one.
 TRIED_LAST_OF_SEVERAL = ("one_member",)
 
 
 @dataclass(frozen=True, eq=False)
 class TableDiagnosis:
-    """What a static table says about the model of a design.
+    """The diagnosis of a static table.
 
     Parameters
     ----------
     verdict
-        Whether something is missing, and whether it is known.
+        Whether an effect is missing, and whether it is known.
     before, found
-        The original model compared with the table, and the best one found, even where it does not suffice.
+        The original model and the best one found, even if that does not explain the table.
     alike
         Other models that the table does not distinguish from `found`.
     tried
@@ -50,11 +50,11 @@ class TableDiagnosis:
     proposals
         Measurements that would distinguish `found` from `alike`, the best first.
     error_ladder
-        Relative errors, rms: of the design, with what was found, and so of each row left out of the fit in turn.
+        Relative errors, rms: of the design, with the effects, and of rows predicted by fits without them.
     remarks
-        What was done to the table, or weakens the verdict.
+        Changes of the table, and reasons that weaken the verdict.
     asked
-        Whether `found` was asked for, and not found.
+        Whether the user chose the effect, as in ``flexdesign add``.
     """
 
     verdict: Verdict
@@ -169,8 +169,8 @@ def _sort(trials: Iterable[Trial | None]) -> list[Trial]:
 def _accepted_trials(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
     """Return the trials that count, agree with the table and are indistinguishable, best first.
 
-    What the design rules out comes last. Of an effect that was tried with several constants each bears a share of its
-    probability only.
+    Trials that the design excludes come last. The probability of an effect that was tried with several constants is
+    shared among them.
     """
     good: list[Trial] = []
     for trial in trials:
@@ -193,14 +193,14 @@ def _before(model: StaticModel, table: StaticTable) -> tuple[Trial, tuple[str, .
 
 
 def _contradictions(before: Trial, explanations: Sequence[Trial]) -> tuple[str, ...]:
-    """Return a remark if an answer takes the modulus where the design says it is not."""
+    """Return a remark if an explanation is a modulus outside the range that the design states."""
     stated, excess = before.model.design.tolerances.modulus, [trial.excess_modulus(before) for trial in explanations]
     remarks = f"which states it within {100 * stated:.3g} %: look for another cause"
     return tuple(f"a modulus off by {100 * e:+.1f} % contradicts the design, {remarks}" for e in excess if e)[:1]
 
 
 def _error_ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
-    """Return relative errors, rms: as designed, with what was found, and of rows that the fit then did not see."""
+    """Return relative errors, rms: as designed, with the effects, and of rows predicted by fits without them."""
     table, measured = before.table, before.table.measured()
 
     def step_of_ladder(label: str, difference: Array) -> ErrorStep:
@@ -216,5 +216,5 @@ def _error_ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
             if (again := fit_with(seen, best.cases, near=best)) is None:
                 return tuple(rungs)  # with one row less there are none to fit
             unseen[i] = again.model.predict(table)[i] - measured[i]
-        rungs.append(step_of_ladder(f"{label}, rows that the fit did not see", unseen))
+        rungs.append(step_of_ladder(f"{label}, rows left out of the fit", unseen))
     return tuple(rungs)

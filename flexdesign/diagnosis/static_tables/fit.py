@@ -1,4 +1,4 @@
-"""Static effects fitted to a table, alone and in pairs: what each leaves, and what it must lower to count."""
+"""Static effects fitted to a table, alone and in pairs, and their significance."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Trial:
     model
         With the fitted values.
     table, noise
-        What it was fitted to, and how far a model may be from it although nothing is missing.
+        The table, and the uncertainty of the difference of a complete model from it.
     solution
         The fit; None if nothing was free.
     """
@@ -76,7 +76,7 @@ class Trial:
 
     @cached_property
     def values(self) -> tuple[Value, ...]:
-        """The fitted numbers with 95 % profile intervals; the plausible range where the table says nothing."""
+        """The fitted numbers with 95 % profile intervals; the plausible range if the table does not determine one."""
         if self.solution is None:
             return ()
         where, x = self.solution.problem.where, self.solution.x
@@ -91,7 +91,7 @@ class Trial:
 
     @cached_property
     def is_adequate(self) -> bool:
-        """Tell whether a comparison of the model with the table agrees."""
+        """Tell whether the model agrees with the table."""
         return compare(self.model, self.table).uncertainty.agrees(self.difference, len(self.free))
 
     def is_significant_against(self, less: Trial, candidates: int) -> bool:
@@ -112,12 +112,12 @@ class Trial:
 
 
 def constant(name: str) -> Parameter | None:
-    """Return the discrete constant of an effect, which no fit moves: it is tried at the values of its screen."""
+    """Return the discrete constant of an effect, which is not fitted but tried at the values of its grid."""
     return next((p for p in statics.find(name).parameters if p.null is None and p.screen), None)
 
 
 def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, tuple[float, ...]]]:
-    """Return an effect with each value of its discrete constant that does something else to a table."""
+    """Return an effect with each value of its discrete constant that changes the predicted table differently."""
     own, nominal = constant(name), {p.name: float(p.start or 0.0) for p in statics.find(name).parameters}
     if own is None:
         # A displacement takes long to compute: what does not change one is not fitted.

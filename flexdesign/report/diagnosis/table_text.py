@@ -98,7 +98,7 @@ def verdict(diagnosis: TableDiagnosis) -> str:
     return (
         f"Missing: {join_names([_alternatives(diagnosis, name) for name in diagnosis.found.names])}. "
         f"With {them} the model misses "
-        f"rows that the fit did not see by {percentage(after)} rms, without by {percentage(before)}."
+        f"rows left out of the fit by {percentage(after)} rms, without by {percentage(before)}."
     )
 
 
