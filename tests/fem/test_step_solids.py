@@ -50,10 +50,10 @@ def whole_of(study: studies.Study) -> domain.Domain:
     return replace(domain.of_part(part, symmetric=False, chord=domain.chord(part)), extrusion=None)
 
 
-def solved(study: studies.Study, coarseness: float) -> analysis.Solution:
+def solved(study: studies.Study, coarseness: float, mesh: TaggedMesh | None = None) -> analysis.Solution:
     part, body = study.design.part(), whole_of(study)
     method = mesh_refinement.method_of(study, part, body)
-    mesh = method.mesh(coarseness)
+    mesh = mesh or method.mesh(coarseness)
     assert mesh.volume == pytest.approx(body.volume, rel=1e-9)  # all faces are plane
     return analysis.solve(part, study.design.material, body, mesh)
 
@@ -169,7 +169,8 @@ def test_a_kept_mesh_is_not_taken_for_one_whose_faces_are_other_ports(tmp_path: 
         assert type(method) is (LocalExtrusion if extruded else LocalThickness)
         mesh, _ = mesh_refinement.make_mesh(method, body, 4.0, [], cache, lambda _: None)
         counts.append(np.count_nonzero(mesh.faces == body.ports["ground"]))
-    assert counts[1] == 2 * counts[0] == 2 * counts[2]
+    assert counts[0] == counts[2]
+    assert counts[1] == pytest.approx(2 * counts[0], rel=0.1)  # meshes are finer at edges of what is held
 
 
 @pytest.mark.slow
@@ -361,7 +362,10 @@ def test_a_block_has_no_thin_region() -> None:
 
 
 def test_a_rigid_port_moves_as_one_body_and_is_the_stiffer(folder: Path) -> None:
-    rigid, even = (solved(study_of(folder, each), 2.0) for each in ("rigid", "traction"))
+    studies_ = [study_of(folder, each) for each in ("rigid", "traction")]
+    method = mesh_refinement.method_of(studies_[0], studies_[0].design.part(), whole_of(studies_[0]))
+    mesh = method.mesh(2.0)  # the same for both: meshes are finer at edges of rigid ports
+    rigid, even = (solved(each, 2.0, mesh) for each in studies_)
     rigid_six, even_six = (np.linalg.inv(matrices(each.compliance)[1]) for each in (rigid, even))
     difference = rigid_six - even_six
     scale = np.sqrt(np.diag(rigid_six))

@@ -21,7 +21,7 @@ from flexdesign.core.model import Member
 from flexdesign.design import mirror
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
-from flexdesign.fem.meshing import crossing, developed, section, thin_regions
+from flexdesign.fem.meshing import crossing, developed, held_edges, section, thin_regions
 from flexdesign.fem.meshing.crossing import Crossings
 from flexdesign.fem.meshing.section import Section
 from flexdesign.fem.meshing.surface import bends_of, radius_of
@@ -213,11 +213,17 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
                 raise InputError("part", f"ports.{port.name}", port.point, remedy)
     at_ports = [index for port in ports for index in port.faces]
     layered = crossing.layers_of(whole, solid, lambda shape: _cut_down(shape, planes), thin, at_ports)
+    of_ports = {port.name: face_of(port, faces) for port in ports}
+    plane_faces = tuple(faces_in(plane, faces) for plane in planes)
+    if thin is not None:
+        held = [i for p in ports if p.rigid or p.role == "ground" for i in p.faces or (of_ports[p.name],)]
+        mirrors = {index for cut in plane_faces for index in cut}
+        thin = replace(thin, held=held_edges.find(solid, held, mirrors, thin.points, thin.thickness))
     return Domain(
         faces=faces,
         planes=planes,
-        ports={port.name: face_of(port, faces) for port in ports},
-        plane_faces=tuple(faces_in(plane, faces) for plane in planes),
+        ports=of_ports,
+        plane_faces=plane_faces,
         volume=solid.Volume() * MM**3,
         fingerprint=hashlib.sha256(brep := _brep(solid)).hexdigest(),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,

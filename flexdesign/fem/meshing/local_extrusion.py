@@ -35,6 +35,8 @@ LEAST_FILLET, ACROSS_FILLET = 0.02, 0.45
 #: bore. No smaller than the thinnest hinge, which is the thickness of layers at free ends: a broken edge changes no
 #: stiffness. Edges change with the root of the coarseness, so that the coarsest mesh has two.
 ACROSS_BORE = 1 / 3
+#: Edges and layers at edges of faces that are held or rigid, in thicknesses there, of the finest mesh.
+HELD = 0.1
 #: Arms are what is no hinge: the thickness that a tenth of it does not have.
 THIN_ARM = 0.1
 
@@ -79,8 +81,13 @@ class LocalExtrusion(LocalThickness):
         def size(points: FloatArray) -> FloatArray:
             return sizing(section.lifted(points, middle))
 
+        held = self.thin.held.flattened(section.axis, middle)
+
         def chord(points: FloatArray) -> FloatArray:
-            return np.maximum(self._chord(coarseness), SAGITTA * size(points))
+            """On held edges chords do not limit edges more than on the finest mesh, or these would not follow c^2."""
+            wanted = size(points)
+            eased = np.where(held(section.lifted(points, middle), wanted), coarseness**2, 1.0)
+            return np.maximum(self._chord(coarseness), SAGITTA * eased * wanted)
 
         try:
             plan = triangulate(section.outline, size, chord)
@@ -117,10 +124,12 @@ class LocalExtrusion(LocalThickness):
         shares = np.where(
             self._curved, [on_profile, *[np.full(len(ways), inside * coarseness)] * len(INSIDE)], straight
         )
-        places = np.vstack([*((thin.points + depth * ways)[sides] for depth in (0.0, *INSIDE)), thin.roots.places])
+        inner = [(thin.points + depth * ways)[sides] for depth in (0.0, *INSIDE)]
+        places = np.vstack([*inner, thin.roots.places, thin.held.places])
         sharp = methods.EXTRUDED_GRADING[0] * coarseness**2
         at_roots = thin.roots.sizes(sharp, LEAST_FILLET, ACROSS_FILLET * coarseness**2)
-        wanted = factor * np.concatenate([*(shares * thin.thickness)[:, sides], at_roots])
+        at_held = HELD * coarseness**2 * thin.held.thickness
+        wanted = factor * np.concatenate([*(shares * thin.thickness)[:, sides], at_roots, at_held])
         crossed, thick = self._at_crossings(coarseness)
         places, wanted = np.vstack([places, crossed]), np.concatenate([wanted, thick])
         places[:, section.axis] = (section.low + section.high) / 2
@@ -135,8 +144,10 @@ class LocalExtrusion(LocalThickness):
         low, high = (end not in mirrors for end in section.ends)
         extent = section.low, section.high, (low, high)
         least = methods.LEAST_LAYERS_OF_NECKS * max(low + high, 1)
-        count = max(finest.count(*extent), least) / coarseness
-        return finest.heights(*extent, max(1, round(count)))
+        if not len(self._held_heights):
+            return finest.heights(*extent, max(1, round(max(finest.count(*extent), least) / coarseness)))
+        layers = self._layers(coarseness)
+        return layers.heights(*extent, max(1, round(max(layers.count(*extent), least / coarseness))))
 
     def _at_crossings(self, coarseness: float) -> tuple[FloatArray, FloatArray]:
         """Return places on what crosses the layers, and the edge length wanted there, shapes (k, 3) and (k,) [m]."""
@@ -157,12 +168,20 @@ class LocalExtrusion(LocalThickness):
         )  # fmt: skip
 
     def _limits(self, coarseness: float) -> FloatArray:
-        """Return where bores across the layers limit their thickness, and to what: no less than at free ends."""
+        """Return where held edges and bores across the layers limit their thickness, and to what.
+
+        At bores to no less than at free ends; at held edges it goes with the square of the coarseness as edges do.
+        """
+        limits = self._held_heights * [1.0, 1.0, coarseness**2]
         if self.domain.crossings is None:
-            return np.zeros((0, 3))
+            return limits
         heights = self.domain.crossings.heights
         thick = np.maximum(ACROSS_BORE * np.ptp(heights, axis=1), self.thin.thinnest)
-        return np.column_stack([heights, coarseness * thick])
+        return np.vstack([limits, np.column_stack([heights, coarseness * thick])])
+
+    @property
+    def _held_heights(self) -> FloatArray:
+        return self.thin.held.heights(self.section.axis, HELD)
 
     def _chord(self, coarseness: float) -> float:
         return min(methods.CHORD * coarseness**2, methods.LARGEST_CHORD) * self.thin.thinnest

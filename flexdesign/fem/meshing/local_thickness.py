@@ -41,7 +41,7 @@ FloatArray = NDArray[np.float64]
 #: planes; and the largest chord error at curved necks in thicknesses of the neck: the gate lets the coarsest of three
 #: pass. Netgen's edges at necks are 1.5 times as long as asked; with 0.27 there are two elements across.
 AT_ROOT = 0.3
-SHARES = {"root": 0.22, "neck": 0.22, "plate": 0.55}
+SHARES = {"root": 0.22, "neck": 0.22, "plate": 0.55, "stout": 0.1}
 CHORD = 1e-3
 #: Smallest fillets that meshes resolve, in thicknesses, and edges across them, in radii. Elements along the edge are as
 #: short as across it, hence up to twice as many as at a sharp edge. Of smaller fillets one edge may reach from end to
@@ -242,10 +242,11 @@ class LocalThickness:
         at_necks = np.minimum(SHARES["neck"] * self.at_root / AT_ROOT, chord) * coarseness**NECK_POWER
         shares = np.where(self._curved, at_necks, SHARES["plate"] * factor)
         sizes = shares * thin.thickness
-        places = np.vstack([thin.points, thin.points + thin.inward * thin.thickness[:, None] / 2, thin.roots.places])
+        inner = thin.points + thin.inward * thin.thickness[:, None] / 2
+        places = np.vstack([thin.points, inner, thin.roots.places, thin.held.places])
         at_edges = thin.roots.sizes(SHARES["root"] * factor, LEAST_FILLET, ACROSS_FILLET * self.at_root / AT_ROOT)
-        at_edges = np.minimum(at_edges, SHARES["root"] * factor * thin.roots.thickness)
-        wanted = np.concatenate([sizes, sizes, at_edges])
+        at_edges = np.minimum(at_edges, self._at_stout_edges(thin.roots.thickness) * factor)
+        wanted = np.concatenate([sizes, sizes, at_edges, self._at_stout_edges(thin.held.thickness) * factor])
         fine = wanted < largest
         if not fine.any():
             fine[np.argmin(wanted)] = True
@@ -253,6 +254,11 @@ class LocalThickness:
         return ThicknessField(
             places[fine][thinned], np.minimum(wanted[fine], largest)[thinned], self.growth * coarseness, largest
         )
+
+    def _at_stout_edges(self, thickness: FloatArray) -> FloatArray:
+        """Return the edge length at singular edges next to a thickness (n,) [m]: no shorter than at a hinge's."""
+        least = min((hinge.thickness for hinge in self.thin.hinges), default=0.0)
+        return np.maximum(SHARES["stout"] * thickness, SHARES["root"] * least)
 
     def check(self, mesh: TaggedMesh) -> list[HingeCheck]:
         """Measure every hinge that was found, on the mesh, by the rays that found it.

@@ -127,15 +127,15 @@ def find(surface: Surface, places: FloatArray, thickness: FloatArray, thickest: 
     order = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
     line = ends[owner, 0] + ((order + 0.5) / count[owner])[:, None] * along[owner]
     thin = thickness < OF_HINGE * thickest
-    beside, nearest = _thickness_beside(line, tree, thickness)
+    beside, nearest = thickness_beside(line, tree, thickness)
     at_sharp = np.where(np.isfinite(beside), beside, nearest)
-    at_fillets, _ = _thickness_beside(line, cKDTree(places[thin]), thickness[thin])
+    at_fillets, _ = thickness_beside(line, cKDTree(places[thin]), thickness[thin])
     at = np.where(radii[owner] > 0, at_fillets, at_sharp)
     kept = np.isfinite(at) & (radii[owner] <= LARGEST * at)
     return ReentrantEdges(line[kept], at[kept], radii[owner][kept], (along / length[:, None])[owner][kept])
 
 
-def _thickness_beside(line: FloatArray, tree: Any, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
+def thickness_beside(line: FloatArray, tree: Any, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the least thickness of what is no farther away than 1.5 times that, else infinite; and of the nearest."""
     if not len(line):
         return np.zeros(0), np.zeros(0)

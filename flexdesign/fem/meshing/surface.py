@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,11 +95,14 @@ class Rays:
 def surface_of(solid: Any, chord: float) -> Surface:
     """Return the triangles of a CadQuery solid [mm], no farther than a chord [m] from its curved faces."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepTools import BRepTools
 
     mm, points, triangles, owners, normals, radii, base = 1e-3, [], [], [], [], [], 0
     arcs: dict[int, tuple[float, ...]] = {}
+    BRepTools.Clean_s(solid.wrapped)
+    solid.mesh(chord / mm, 0.2)  # face by face neighbours need not share points, and no edge would be found re-entrant
     for index, face in enumerate(solid.Faces()):
-        vertices, corners = face.tessellate(chord / mm, 0.2)
+        vertices, corners = face.tessellate(math.inf)  # those that are there
         points.append(np.array([v.toTuple() for v in vertices]).reshape(-1, 3) * mm)
         triangles.append(np.array(corners, dtype=np.int64).reshape(-1, 3) + base)
         owners.append(np.full(len(corners), index))

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from flexdesign.core.model import Member
 from flexdesign.fem.meshing import reentrant_edges
+from flexdesign.fem.meshing.held_edges import HeldEdges
 from flexdesign.fem.meshing.reentrant_edges import ReentrantEdges
 from flexdesign.fem.meshing.surface import Rays, Surface, surface_of, triangle_areas
 
@@ -62,6 +63,8 @@ class ThinRegions:
         For each hinge, which places are on it, by index.
     slivers
         Thickness of places that were left out, shape (s,) [m]: thinner than every hinge, and too few to be one.
+    held
+        The edges of faces that are held or move as one body.
     """
 
     points: FloatArray
@@ -72,6 +75,7 @@ class ThinRegions:
     hinges: tuple[Member, ...] = ()
     chosen: tuple[IntArray, ...] = field(default=(), repr=False)
     slivers: FloatArray = field(default_factory=lambda: np.zeros(0), repr=False)
+    held: HeldEdges = field(default_factory=HeldEdges, repr=False)
 
     def middles_of_hinges(self) -> tuple[FloatArray, FloatArray]:
         """Return places half-way across the hinges, shape (k, 3) [m], and the thickness there, shape (k,) [m].
