@@ -95,12 +95,15 @@ class Rays:
 def surface_of(solid: Any, chord: float) -> Surface:
     """Return the triangles of a CadQuery solid [mm], no farther than a chord [m] from its curved faces."""
     from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.BRepTools import BRepTools
 
     mm, points, triangles, owners, normals, radii, base = 1e-3, [], [], [], [], [], 0
     arcs: dict[int, tuple[float, ...]] = {}
+    # All faces at once: of faces meshed one by one neighbours need not share points, and no edge would be found
+    # re-entrant. With an absolute chord, which `Shape.mesh` would take in proportion to the edges.
     BRepTools.Clean_s(solid.wrapped)
-    solid.mesh(chord / mm, 0.2)  # face by face neighbours need not share points, and no edge would be found re-entrant
+    BRepMesh_IncrementalMesh(solid.wrapped, chord / mm, False, 0.2)
     for index, face in enumerate(solid.Faces()):
         vertices, corners = face.tessellate(math.inf)  # those that are there
         points.append(np.array([v.toTuple() for v in vertices]).reshape(-1, 3) * mm)
