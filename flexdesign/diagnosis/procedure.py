@@ -30,9 +30,11 @@ from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, tru
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.oversampling import oversampling_of
+from flexdesign.diagnosis.preparation.windows import describe, is_very_long
 from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
+from flexdesign.diagnosis.windowed_selection import confirm, forward_in_windows
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.determination import (
@@ -43,13 +45,11 @@ from flexdesign.estimation.model_selection.determination import (
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    fit_model,
     predict_tests,
     refine,
-    with_effects,
-    with_values,
 )
-from flexdesign.estimation.model_selection.model_comparison import Step, compare
+from flexdesign.estimation.model_selection.forward_selection import forward
+from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, select
@@ -110,12 +110,18 @@ def diagnose(
         data = choose_interpolation(model, data, each, progress)
         dynamics, task = case_of(model, data, each, progress)
 
-        preliminary = None
-        if (short := truncate(data)) is not None:
+        preliminary, step_forward = None, forward
+        if is_very_long(data):
+            progress(describe(data))
+            data = replace(data, runs=tuple(replace(run, remarks=(*run.remarks, describe(data))) for run in data.runs))
+            step_forward = partial(forward_in_windows, model, data, MOST_EFFECTS)
+        elif (short := truncate(data)) is not None:
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
             _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more))
-        task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), preliminary)
+        task, history = search(
+            data, task, dynamics, partial(catalogue, data, dynamics, more=more), preliminary, step_forward
+        )
         history = _refine_final(task, history)
         history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
@@ -200,6 +206,7 @@ def search(
     dynamics: AxisDynamics,
     effects: Callable[[FittedModel], Sequence[Candidate]],
     preliminary: SelectionHistory | None = None,
+    step_forward: Callable[..., Step] = forward,
 ) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the calibrated task, and the history of the selection.
 
@@ -211,6 +218,8 @@ def search(
         Returns the candidates at the calibrated fit: trial frequencies follow from its residual.
     preliminary
         A search in a part of the runs; its effects are fitted first.
+    step_forward
+        Returns the next forward step, as `forward` does.
     """
     calibrated_task = calibrate_task(data, task, dynamics, preliminary)
     task, calibration = calibrated_task.task, calibrated_task.calibrated
@@ -228,6 +237,7 @@ def search(
         expansion_points=calibrated_task.origins,
         vary_step=partial(vary_step, task, candidates=candidates_),
         vary=partial(vary_by_run, task),
+        step_forward=step_forward,
     )
     steps, fits = selecting(confirmed=(steps, fits))
     last = fits[-1] if fits else calibration
@@ -247,15 +257,7 @@ def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> t
     """Return the steps of a selection in a part of the runs that the whole runs confirm, and the fits after them."""
     confirmed, fits = list[Step](), list[FittedModel]()
     for step in steps:
-        if step.chosen is None:
-            break
-        names = step.chosen.names
-        task.progress(f"fitting with {' and '.join((*fit.names, *names))}, the whole runs")
-        added = tuple(effect for effect in step.chosen.fit.effects if effect.name in names)
-        model = with_values(with_effects(fit.model, added), step.chosen.fit.model)
-        extended = fit_model(task, task.fine(model), (*fit.effects, *added))
-        trial = None if extended is None else compare(task, fit, extended, names, step.chosen.score)
-        if trial is None or trial.reason:
+        if step.chosen is None or (trial := confirm(task, fit, step.chosen)) is None or trial.reason:
             break
         fit = trial.fit
         fits.append(fit)

@@ -26,6 +26,7 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
     relaxing,
     with_initial_conditions,
 )
+from flexdesign.diagnosis.preparation.windows import is_very_long, windows
 from flexdesign.diagnosis.result import SelectionHistory
 from flexdesign.dynamics.axis.axis_model import STEPS_PER_PERIOD, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
@@ -46,6 +47,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT
 from flexdesign.estimation.model_selection.prediction_change import difference
 from flexdesign.estimation.model_selection.restarts import escape
+from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import Run
 
@@ -93,7 +95,8 @@ def choose_interpolation(
     progress("asking what commands do between their samples")
     alternative, fits = replace(data, runs=tuple(map(_interpolated_otherwise, data.runs))), list[FittedModel]()
     for variant in (data, alternative):
-        dynamics, task = case_of(model, variant, each, lambda _: None)
+        searched = windows(variant, {}) if is_very_long(variant) else variant
+        dynamics, task = case_of(model, searched, each, lambda _: None)
         if (fit := fit_model(task, dynamics, effort=CALIBRATION)) is None:
             return data
         fits.append(fit)
@@ -286,8 +289,8 @@ def calibrate_task(
     return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
 
 
-def evaluate_design(task: EstimationTask, model: Model) -> FittedModel:
-    """Return a fit of the initial conditions alone, with the parameters of the model held.
+def evaluate_design(task: EstimationTask, model: Model, effects: tuple[Candidate, ...] = ()) -> FittedModel:
+    """Return a fit of the initial conditions alone, with the parameters of the model and of its added effects held.
 
     Its Jacobian contains the free parameters of the model, too, so that screening can project them out.
 
@@ -298,9 +301,13 @@ def evaluate_design(task: EstimationTask, model: Model) -> FittedModel:
     """
     task = task.prepared(task, model)
     if (initialised := fit_initial_states(task, task.identify, model)) is not None:
-        problem = task.problem(initialised.problem.dataset, initialised.problem.at(initialised.x), task.free)
+        problem = task.problem(
+            initialised.problem.dataset,
+            initialised.problem.at(initialised.x),
+            [*task.free, *(name for effect in effects for name in effect.free)],
+        )
         solution = linearise(problem, problem.where.start)
-        if solution is not None and (fit := evaluate_fit(task, solution, ())) is not None:
+        if solution is not None and (fit := evaluate_fit(task, solution, effects)) is not None:
             return fit
     raise _not_simulated(cast(AxisDynamics, model))
 

@@ -100,8 +100,12 @@ class DiagnosisData:
 
     @property
     def is_one_record(self) -> bool:
-        """Whether only one moving run is fitted: then its own delay is indistinguishable from a common delay."""
-        return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
+        """Whether only one moving run, or windows of it, is fitted.
+
+        Then its own delay is indistinguishable from a common delay.
+        """
+        moving = [run.name for run in self.of("identify") if np.ptp(run.command())]
+        return len({name.rpartition(":")[0] or name for name in moving}) < 2
 
     @cached_property
     def coarse_step(self) -> float | None:
@@ -271,7 +275,7 @@ def prepare(
         level = {run.name: stated * run.noise_gain for run in runs}
         white = ColouredNoise({name: Process(np.zeros(0), rms) for name, rms in level.items()})
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
-    noise = _of_blocks(noise, axis_runs)
+    noise = of_blocks(noise, axis_runs)
     first = DiagnosisData(
         name, axis_model, axis_runs, noise, 0.0, _priors(axis_model), stroke=measured_stroke(runs, name)
     )
@@ -315,8 +319,8 @@ def line_weights(data: DiagnosisData) -> dict[str, Array]:
     return found
 
 
-def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
-    """Return the noise under the names of runs that are blocks of a longer run."""
+def of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
+    """Return the noise under the names of runs that are blocks, or windows, of a longer run."""
     records = {run.name: run.name if run.name in noise.rms else run.name.rpartition(":")[0] for run in runs}
     processes = {name: noise.whitening.process(record) for name, record in records.items()}
     return replace(noise, whitening=ColouredNoise(processes), rms={n: noise.rms[r] for n, r in records.items()})

@@ -18,6 +18,9 @@ VALIDATION_SHARE = 0.25
 ENOUGH = 6
 #: Blocks into which a single record is split, and which of them judge; both early and late, none at an end.
 BLOCKS, JUDGING = 8, (2, 6)
+#: The same once for this number of samples of a long record: a slow sweep passes a resonance within one of eight
+#: blocks, which would judge nothing of what the others teach.
+SAMPLES_OF_BLOCKS = 50_000
 #: A block with a step of the command this many times the largest step of those that teach is the only one of its kind.
 ONLY = 2.0
 #: Samples left out on each side of a border between blocks, as a share of the record: noise has a memory.
@@ -38,11 +41,11 @@ def split(runs: Sequence[Run], *, test: bool = False) -> tuple[Run, ...]:
     With ``test``, and at least `ENOUGH` moving runs, one more gets the role ``test``: of the kind with most runs left
     to fit, the one in the middle. It is never the only fitted run of its kind.
 
-    Where nothing can be kept whole, the longest run is split into `BLOCKS` blocks, two of which judge: moving ones, but
-    not the one with the only step, for which the next one judges. Both halves are
-    the whole record, so that it is simulated straight through, and have NaN where the other half counts and at the
-    borders; they are called ``NAME:identify`` and ``NAME:validate``. Such a record has no blocks for testing: noise has
-    a memory and a stage drifts, so that a block next to a fitted one tests little.
+    Where nothing can be kept whole, the longest run is split into `BLOCKS` blocks, two of which judge, and a long one
+    into as many for each `SAMPLES_OF_BLOCKS` samples: moving ones, but not the one with the only step, for which the
+    next one judges. Both halves are the whole record, so that it is simulated straight through, and have NaN where the
+    other half counts and at the borders; they are called ``NAME:identify`` and ``NAME:validate``. Such a record has no
+    blocks for testing: noise has a memory and a stage drifts, so that a block next to a fitted one tests little.
 
     Parameters
     ----------
@@ -107,10 +110,11 @@ def _judging(commands: NDArray[np.float64], block: NDArray[np.intp]) -> list[int
     one.
     """
     steps = np.abs(np.diff(commands, axis=1, prepend=commands[:, :1])).max(axis=0)
-    largest = np.array([steps[block == k].max() for k in range(BLOCKS)])
-    spans = np.array([np.ptp(commands[:, block == k], axis=1).max() for k in range(BLOCKS)])
-    chosen = list(JUDGING)
-    for place, k in enumerate(JUDGING):
+    every = range(block[-1] + 1)
+    largest = np.array([steps[block == k].max() for k in every])
+    spans = np.array([np.ptp(commands[:, block == k], axis=1).max() for k in every])
+    chosen = [BLOCKS * turn + k for turn in range((block[-1] + 1) // BLOCKS) for k in JUDGING]
+    for place, k in enumerate(tuple(chosen)):
         others = np.delete(largest, chosen)
         if spans[k] <= STILL * spans.max() or largest[k] > ONLY * others.max():
             chosen[place] = k + 1
@@ -120,10 +124,11 @@ def _judging(commands: NDArray[np.float64], block: NDArray[np.intp]) -> list[int
 def _blocks(run: Run) -> tuple[Run, Run]:
     """Return the two halves of a record that is judged by blocks."""
     count = len(run.time)
-    block = np.minimum(np.arange(count) * BLOCKS // count, BLOCKS - 1)
+    turns = max(1, count // SAMPLES_OF_BLOCKS)
+    block = np.minimum(np.arange(count) * BLOCKS * turns // count, BLOCKS * turns - 1)
     validation_lines = np.isin(block, _judging(np.atleast_2d(run.command()), block))
     turn = np.flatnonzero(np.diff(validation_lines)) + 1
-    width = max(1, round(BORDER * count))
+    width = max(1, round(BORDER * count / turns))
     border = np.zeros(count, dtype=bool)
     for place in turn:
         border[max(place - width, 0) : place + width] = True

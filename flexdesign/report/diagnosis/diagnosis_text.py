@@ -12,6 +12,7 @@ from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.experiment_design import Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import Proposal
+from flexdesign.diagnosis.preparation.windows import SEARCHED
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
@@ -208,6 +209,7 @@ def summary(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
         sentences.append(f"Take care: {diagnosis.confidence}.")
     remarks = {remark for run in diagnosis.runs for remark in run.remarks}
     sentences += [f"Take care: {assumed}." for assumed in INTERPOLATION_TEXTS.values() if assumed in remarks]
+    sentences += [f"{_sentence(remark)}." for remark in sorted(remarks) if SEARCHED in remark]
     return sentences
 
 
