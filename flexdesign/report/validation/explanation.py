@@ -63,9 +63,9 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
         f"{named} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
         f"{abs(gap):.1f} % {'smaller' if gap > 0 else 'larger'}."
     )
-    differences = [f"too small is {missing}"] if missing else []
-    differences += [f"too large is {excess}"] if excess else []
-    return f"{text} In percent of FEM's compliance, {', and '.join(differences)}." if differences else text
+    parts = {"too small": missing, "too large": excess}
+    listed = "; ".join(f"{how} are {pieces}" for how, pieces in parts.items() if pieces)
+    return f"{text} Of its parts, in percent of FEM's compliance, {listed}." if listed else text
 
 
 def _spoken(model: str) -> str:
