@@ -446,3 +446,17 @@ def test_a_large_sheet_has_no_more_elements_than_a_machine_has_memory_for(tmp_pa
     assert 0.7 < element_count.estimate(body, method.sizing(1.0)) / methods.MOST_BY_DEFAULT <= 1
     asked = studies.read(tmp_path / "sheet.toml", ["mesh.at_root=0.25"])
     assert mesh_refinement.method_of(asked, study.design.part(), body).at_root == 0.25
+
+
+@pytest.mark.parametrize("chord", [1e-5, 3e-7])
+def test_chords_of_a_surface_are_absolute(chord: float) -> None:
+    """On a long cylinder: no middle of an edge is farther inside it than the chord, and one is a quarter as far."""
+
+    radius = 4e-3
+    surface = surface_of(cq.Workplane().cylinder(100.0, 1e3 * radius).val(), chord)
+    corners = surface.corners
+    on_wall = np.abs(np.linalg.norm(corners[:, :, :2], axis=2) - radius).max(axis=1) < 1e-9
+    on_wall &= np.ptp(corners[:, :, 2], axis=1) > 1e-9  # not on an end
+    middles = 0.5 * (corners + np.roll(corners, 1, axis=1))[on_wall]
+    inside = radius - np.linalg.norm(middles[:, :, :2], axis=2)
+    assert 0.25 * min(chord, radius * (1 - math.cos(0.1))) < inside.max() < 1.01 * chord
