@@ -104,16 +104,16 @@ def diagnose(
     recorded = [each for each in runs if isinstance(each, Run)]
     if oversampled := oversampling_of(recorded, data.name, data.tolerance):
         progress(f"{oversampled.what}: {oversampled.remedy}")
-        remark = f"{oversampled.what}; {oversampled.remedy}"
-        data = replace(data, runs=tuple(replace(run, remarks=(*run.remarks, remark)) for run in data.runs))
+        data = _with_remark(data, f"{oversampled.what}; {oversampled.remedy}")
     with simulating(threads) as each:
         data = choose_interpolation(model, data, each, progress)
         dynamics, task = case_of(model, data, each, progress)
 
         preliminary, step_forward = None, forward
         if is_very_long(data):
-            progress(describe(data))
-            data = replace(data, runs=tuple(replace(run, remarks=(*run.remarks, describe(data))) for run in data.runs))
+            remark = describe(data)
+            progress(remark)
+            data = _with_remark(data, remark)
             step_forward = partial(forward_in_windows, model, data, MOST_EFFECTS)
         elif (short := truncate(data)) is not None:
             progress("searching in the first part of each run")
@@ -130,6 +130,11 @@ def diagnose(
             diagnosis = replace(diagnosis, remainder=f"{diagnosis.remainder}; {LINEAR_IS_BETTER}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(diagnosis, evaluations=evaluations, seconds=perf_counter() - start_time)
+
+
+def _with_remark(data: DiagnosisData, remark: str) -> DiagnosisData:
+    """Return the data set with a remark on each of its runs."""
+    return replace(data, runs=tuple(replace(run, remarks=(*run.remarks, remark)) for run in data.runs))
 
 
 def _refine_final(task: EstimationTask, history: SelectionHistory) -> SelectionHistory:

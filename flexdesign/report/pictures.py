@@ -261,11 +261,10 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     return _png(image)
 
 
-def displacement_colours(size: FloatArray) -> tuple[FloatArray, str]:
-    """Return the colours of displacements [m] in a unit in which the largest has few digits, and their label."""
-    largest = float(size.max(initial=0.0))
+def displacement_unit(largest: float) -> tuple[float, str]:
+    """Return the factor from metres to a unit in which the largest displacement [m] has few digits, and a label."""
     factor, unit = (1e3, "mm") if largest >= 1e-3 else (1e6, "µm") if largest >= 1e-6 else (1e9, "nm")
-    return factor * size, f"displacement [{unit}]"
+    return factor, f"displacement [{unit}]"
 
 
 def _skin(grid: Any, subdivision: int = 2) -> Any:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from flexdesign.report import pictures
-from flexdesign.report.pictures import BAR_SHARE, LINE_SHARE, Picture, displacement_colours
+from flexdesign.report.pictures import BAR_SHARE, LINE_SHARE, Picture, displacement_unit
 
 #: A tetrahedron [m] that is four times as tall as it is wide.
 COLUMN = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.005, 0.04, 0.0], [0.005, 0.0, 0.01]])
@@ -39,6 +39,6 @@ def test_a_tall_part_stands_between_note_and_scalar_bar(motion: float) -> None:
 
 @pytest.mark.parametrize(("largest", "colour", "unit"), [(2.5e-3, 2.5, "mm"), (4e-5, 40.0, "µm"), (3e-8, 30.0, "nm")])
 def test_displacements_have_a_unit_with_few_digits(largest: float, colour: float, unit: str) -> None:
-    colours, label = displacement_colours(np.array([0.0, largest]))
-    assert colours == pytest.approx([0.0, colour])
+    factor, label = displacement_unit(largest)
+    assert factor * np.array([0.0, largest]) == pytest.approx([0.0, colour])
     assert label == f"displacement [{unit}]"

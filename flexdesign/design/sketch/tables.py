@@ -56,7 +56,7 @@ class PortTable(Repeated):
 
     role: Literal["ground", "input", "output"] = Field(examples=['role = "input"'])
     body: str = Field(examples=['body = "table"'])
-    side: Literal["-x", "+x", "-y", "+y"] | None = Field(default=None, examples=['side = "-x"'])
+    side: Literal["-x", "+x", "-y", "+y"] | None = None
     at: tuple[Text, Text] | None = None
     interface: Literal["traction", "rigid"] = "traction"
     name: str = ""

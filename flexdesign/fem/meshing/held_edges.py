@@ -23,7 +23,6 @@ from flexdesign.fem.meshing.reentrant_edges import APART, MOST, thickness_beside
 
 MM = 1e-3
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

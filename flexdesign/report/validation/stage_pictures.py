@@ -20,7 +20,7 @@ from flexdesign.fem.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
 from flexdesign.fem.superelements.superelement import Interior
 from flexdesign.report.document import Figure
-from flexdesign.report.pictures import displacement_colours
+from flexdesign.report.pictures import displacement_unit
 from flexdesign.report.validation import stage_scene, stage_view
 from flexdesign.report.validation.stage_motion import describe_mode
 from flexdesign.report.validation.stage_scene import SMALL, Scene, Skin
@@ -173,11 +173,11 @@ def _draw_deformation(
     sizes = [np.linalg.norm(each, axis=1) for each in motions]
     largest, scale = _largest(motions), _enlargement(skins, motions)
     parted = _parted(validation, axis)
-    colours, label = displacement_colours(np.concatenate(sizes))
+    factor, label = displacement_unit(largest)
     scene = Scene(
         f"deformation_{axis}.png",
         [scale * each for each in motions],
-        np.split(colours, np.cumsum([len(size) for size in sizes])[:-1]),
+        [factor * size for size in sizes],
         label,
         notes=[f"{axis.upper()} driven, inputs parted by {parted}", f"displacements drawn {scale:g} times as large"],
     )

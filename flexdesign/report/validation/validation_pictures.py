@@ -17,7 +17,7 @@ from flexdesign.fem.meshing.mesh import mirror_mesh
 from flexdesign.fem.meshing.thin_regions import ThinRegions, main_direction
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
-from flexdesign.report.pictures import Picture, Reel, Shot, displacement_colours
+from flexdesign.report.pictures import Picture, Reel, Shot, displacement_unit
 from flexdesign.report.validation import part_view, vibrations
 from flexdesign.workflows.validation import Validation
 
@@ -96,7 +96,8 @@ def _deformation(points: FloatArray, tets: IntArray, motion: FloatArray, view: L
     """Return the picture of a deformed part, its displacements [m] drawn larger."""
     travel = np.linalg.norm(motion, axis=1)
     scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
-    colours, label = displacement_colours(travel)
+    factor, label = displacement_unit(travel.max())
+    colours = factor * travel
     notes = [f"displacements drawn {scale:g} times as large"]
     return Picture(
         "deformation.png", points, tets, scale * motion, colours, label, (0.0, colours.max()), view=view, notes=notes
