@@ -36,6 +36,7 @@ NAMES = {
     "hinge_stress": "largest nominal hinge stress",
     "safety_against_yield": "safety against yield",
     "safety_against_fatigue": "safety against fatigue",
+    **{f"centre_{axis}": f"centre of rotation of the output, {axis}" for axis in "xyz"},
     **{f"k_{motion}": f"stiffness of the output port k_{motion}" for motion in ("x", "y", "z", "rx", "ry", "rz")},
 }
 #: What a compliance's pieces are, in words; the order of tables and charts.

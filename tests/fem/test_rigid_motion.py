@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from flexdesign.core.model import Quantity, by_key
+from flexdesign.design.part import Port
+from flexdesign.design.study import Study
+from flexdesign.fem import quantities
 from flexdesign.fem.solving import port_compliance, rigid_motion
 from flexdesign.fem.solving.rigid_motion import RigidMotion
 from flexdesign.fem.solving.statics import PortCompliance
+from flexdesign.report.validation import table_motion
+from flexdesign.workflows.validation import Validation
 from studies.verification.solids import CORK, Solid, beam
 from tests.fem.solids import RING_PATCHES, ring, solve
 
@@ -51,6 +59,39 @@ def test_the_tip_of_a_cantilever_turns_by_f_l_squared_over_2_e_i() -> None:
     assert bending < tip.translation[1] < bending + 1.1 * shear
     arm = 15e-3
     assert tip.at(np.array([arm, 0.0, 0.0])).translation[1] == pytest.approx(tip.translation[1] + arm * turn, rel=1e-9)
+
+
+def test_a_cantilever_turns_about_its_middle_under_a_moment() -> None:
+    """At the tip u = M L^2 / 2 E I and theta = M L / E I, about both axes across: the centre lies L / 2 away."""
+    solid = beam(LENGTH, HEIGHT, WIDTH, (12, 2, 2))
+    solved = solve(solid)
+    compliance = PortCompliance(solved.matrix, solved.space.extension, solved.space.output)
+    part = SimpleNamespace(ports=lambda: solid.ports)
+    study = cast(Study, SimpleNamespace(design=SimpleNamespace(part=lambda: part)))
+    tip = next(port.point for port in solid.ports if port.role == "output")
+    found = by_key(quantities.rotation_centres(study, compliance))
+    for moment in "yz":
+        centre = [found[f"centre_{axis}_moment_about_{moment}"].value for axis in "xyz"]
+        assert np.subtract(centre, tip) == pytest.approx([-LENGTH / 2, 0.0, 0.0], rel=SOLVED, abs=1e-4 * LENGTH)
+
+
+def test_a_centre_that_the_meshes_do_not_determine_is_not_reported() -> None:
+    """Its error exceeds both its distance from the port and the size of the part."""
+    ports = (
+        Port("out", "output", (0.0, 0.02, 0.0), (0.0, 1.0, 0.0)),
+        Port("base", "ground", (0.0, 0.0, 0.0), (0, -1, 0)),
+    )
+    part = SimpleNamespace(ports=lambda: ports)
+    design = SimpleNamespace(part=lambda: part)
+    far, near = [50.0, 60.0, 0.0], [0.0, 0.01, 0.0]
+    further = [
+        Quantity(f"centre_{axis}", x, "m", "mm", f"moment about {moment}", half_width=error)
+        for moment, centre, error in (("x", far, 80.0), ("y", near, 1e-4), ("z", ports[0].point, 1e-4))
+        for axis, x in zip("xyz", centre, strict=True)
+    ]
+    validation = cast(Validation, SimpleNamespace(study=SimpleNamespace(design=design), further=further))
+    (table,) = table_motion.rotation_centres(validation)
+    assert [row[0] for row in table.rows] == ["moment about y", "moment about z"]
 
 
 def test_an_actuator_off_its_axis_pushes_as_ports_do_that_are_defined_there() -> None:

@@ -2,7 +2,7 @@
 
 from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.gathering import of_compliance, of_solution
-from flexdesign.fem.quantities.motion import COMPONENTS, POINTS, six_degrees
+from flexdesign.fem.quantities.motion import COMPONENTS, POINTS, rotation_centres, six_degrees
 from flexdesign.fem.quantities.shares import compliance_shares, energy_shares
 from flexdesign.fem.quantities.strength import (
     hinge_peak,
@@ -27,6 +27,7 @@ __all__ = [
     "output_share",
     "peak_stresses",
     "port_stiffness",
+    "rotation_centres",
     "six_degrees",
     "stated_force",
     "stresses",

@@ -8,7 +8,7 @@ from flexdesign.core.model import Quantity, output_boundary
 from flexdesign.design.design import Actuator
 from flexdesign.design.study import Study
 from flexdesign.fem.analysis import Solution
-from flexdesign.fem.quantities.motion import coupling, six_degrees
+from flexdesign.fem.quantities.motion import coupling, rotation_centres, six_degrees
 from flexdesign.fem.quantities.port_stiffness import port_stiffness
 from flexdesign.fem.quantities.strength import stresses
 from flexdesign.fem.quantities.vibration import frequencies
@@ -25,6 +25,8 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
         found += six_degrees(study, c, off_axis=bool(solution.modes))
     if solution.whole:
         found += port_stiffness(c)
+    if c.has_input or solution.whole:
+        found += rotation_centres(study, c)
     if solution.modes and c.has_input:
         found += coupling(c, study.output.actuator_offset)
     if solution.modes:

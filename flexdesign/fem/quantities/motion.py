@@ -1,4 +1,4 @@
-"""How the table moves besides its own way: parasitic motion per travel, and all six degrees of freedom under the drive.
+"""How the table moves besides its own way: parasitic motion, all six degrees of freedom, and what it turns about.
 
 The table is what the output port carries. The sensor looks at a point that is fixed to it.
 """
@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Quantity
+from flexdesign.design.part import in_file
 from flexdesign.design.study import Study
+from flexdesign.fem.quantities.port_stiffness import output_rows
 from flexdesign.fem.solving import rigid_motion
 from flexdesign.fem.solving.rigid_motion import RigidMotion
 from flexdesign.fem.solving.statics import PortCompliance
@@ -70,6 +72,34 @@ def six_degrees(study: Study, c: PortCompliance, *, off_axis: bool) -> list[Quan
             values = [*there.translation.tolist(), *there.rotation.tolist()]
             for (name, si, unit), value in zip(COMPONENTS, values, strict=True):
                 found.append(Quantity(f"{point}_{name}", value, si, unit, f"{drive}, actuator {label}"))
+    return found
+
+
+def rotation_centres(study: Study, c: PortCompliance) -> list[Quantity]:
+    """Return the centre of rotation of the output: the point of its axis of rotation that is nearest to its port.
+
+    Returns
+    -------
+    list
+        Three coordinates, as the part's file has them, under the drive with the actuator on its axis; of a joint under
+        a moment about each axis. None where the output does not turn.
+    """
+    if c.has_input:
+        motion, drive = _drive(study, c, np.zeros(3))
+        motions = {f"{drive}, actuator on axis": motion}
+    else:
+        moments = np.eye(len(c.output))[output_rows(c)][3:]
+        motions = {f"moment about {axis}": rigid_motion.of_output(c, m) for axis, m in zip("xyz", moments, strict=True)}
+    part = study.design.part()
+    output = next(port for port in part.ports() if port.role == "output")
+    found = []
+    for boundary, motion in motions.items():
+        if np.any(motion.rotation):
+            centre = np.array(in_file(part, output.point)) + motion.centre
+            found += [
+                Quantity(f"centre_{axis}", x, "m", "mm", boundary)
+                for axis, x in zip("xyz", centre.tolist(), strict=True)
+            ]
     return found
 
 

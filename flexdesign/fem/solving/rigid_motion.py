@@ -45,6 +45,19 @@ class RigidMotion:
         """
         return RigidMotion(self.translation + np.cross(self.rotation, lever), self.rotation)
 
+    @property
+    def centre(self) -> FloatArray:
+        """Where from this point the axis of rotation lies nearest, theta x u / |theta|^2, shape (3,) [m].
+
+        Examples
+        --------
+        What moves by a micrometre along y while it turns by a microradian about z turns about a point 1 m away along x:
+
+        >>> RigidMotion(np.array([0.0, 1e-6, 0.0]), np.array([0.0, 0.0, 1e-6])).centre.tolist()
+        [-1.0, 0.0, 0.0]
+        """
+        return np.cross(self.rotation, self.translation) / float(self.rotation @ self.rotation)
+
     def times(self, factor: float) -> RigidMotion:
         """Return a multiple of the motion."""
         return RigidMotion(factor * self.translation, factor * self.rotation)

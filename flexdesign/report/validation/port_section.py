@@ -16,6 +16,7 @@ from flexdesign.fem.quantities.port_stiffness import FREE, HELD
 from flexdesign.fem.solving.port_compliance import MOTIONS
 from flexdesign.report import strength_text
 from flexdesign.report.document import Section, Table
+from flexdesign.report.validation import table_motion
 from flexdesign.report.wording import format_quantity, name_of
 from flexdesign.workflows.validation import Validation
 
@@ -45,8 +46,9 @@ def section(validation: Validation) -> Section:
         f"({about}) mm. With the other motions held a stiffness is the diagonal of the matrix; with them free, one "
         "over the diagonal of its inverse."
     )
-    tables = [_matrix(validation)] if not validation.has_input else [_six(validation), _matrix(validation)]
-    return Section(TITLE, [text], tables)
+    if validation.has_input:
+        return Section(TITLE, [text], [_six(validation), _matrix(validation)])
+    return Section(TITLE, [text], [_matrix(validation), *table_motion.rotation_centres(validation)])
 
 
 def summary(validation: Validation) -> list[str]:

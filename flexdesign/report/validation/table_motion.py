@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from flexdesign.core.model import Quantity
+from flexdesign.design.part import in_file
 from flexdesign.fem import quantities
 from flexdesign.report.document import Section, Table
 from flexdesign.report.wording import name_of
@@ -19,7 +22,27 @@ def section(validation: Validation) -> Section:
     if not validation.has_input:
         return Section("Motion of the table")
     text = [_points(validation), _symmetry(validation)]
-    return Section("Motion of the table", text, [*_six_degrees(validation), _parasitic(validation)])
+    tables = [*_six_degrees(validation), _parasitic(validation), *rotation_centres(validation)]
+    return Section("Motion of the table", text, tables)
+
+
+def rotation_centres(validation: Validation) -> list[Table]:
+    """Return the table of the centres of rotation that the meshes determine; none without one.
+
+    Where hardly anything turns, the centre is far away, and its error exceeds its distance and the part.
+    """
+    ports = {port.role: np.array(port.point) for port in validation.study.design.part().ports()}
+    size = max(float(np.linalg.norm(point - ports["output"])) for point in ports.values())
+    output = in_file(validation.study.design.part(), ports["output"].tolist())
+    found = [q for q in validation.further if q.name.startswith("centre_")]
+    rows = []
+    for boundary in dict.fromkeys(q.boundary for q in found):
+        centre = [q for q in found if q.boundary == boundary]
+        distance = float(np.linalg.norm(np.subtract([q.value for q in centre], output)))
+        if all(q.half_width is not None and q.half_width < max(distance, size) for q in centre):
+            rows.append([boundary, *("0" if q.value == 0 else q.formatted() for q in centre)])
+    caption = "Centre of rotation of the output: the point of its axis of rotation that is nearest to the port"
+    return [Table(["", "x", "y", "z"], rows, caption)] if rows else []
 
 
 def _six_degrees(validation: Validation) -> list[Table]:
