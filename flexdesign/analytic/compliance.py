@@ -12,23 +12,27 @@ force and its travel along its normal. Stiffness is a matter of what holds the o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from flexdesign.analytic import frame
+from flexdesign.analytic.force_method import ForceMethod
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
+from flexdesign.core.memo import Memo
 from flexdesign.core.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term, by_key
+from flexdesign.core.model.linkage import Vector
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece, Port
 from flexdesign.effects import statics
 from flexdesign.effects.hinge_compliance import beam
 
 Effects = Mapping[str, Mapping[str, float]]
-TermWithValues = tuple[Term, tuple[tuple[str, float], ...]]
+ItsValues = tuple[tuple[str, float], ...]
+TermWithValues = tuple[Term, ItsValues]
 SOURCE, PIVOTS = "compliance model", "compliance model, hinges only rotate"
 
 #: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
@@ -91,7 +95,14 @@ class ComplianceModel:
 
     def having(self, effects: Effects) -> ComplianceModel:
         """Return the model with these effects in the place of its own."""
-        return replace(self, effects=effects)
+        other = replace(self, effects=effects)
+        vars(other)["_memo"] = self._memo
+        return other
+
+    @cached_property
+    def _memo(self) -> Memo:
+        """What was found of linkage and ports, with whatever effects."""
+        return Memo()
 
     # --- members ----------------------------------------------------------------------------------------------
 
@@ -108,15 +119,17 @@ class ComplianceModel:
     @cached_property
     def members(self) -> tuple[Member, ...]:
         """The members in their true shape."""
-        shaped = {member.name: member for member in self.linkage.members}
-        for name in sorted(self.effects):
-            for face in statics.find(name).faces:
-                if isinstance(face, Reshape):
-                    for member in face.changed(self.linkage.members, self.effects[name]):
-                        shaped[member.name] = face.shape(shaped[member.name], self.effects[name])
-        if cut := [member.name for member in shaped.values() if member.thickness <= 0]:
-            raise InputError("design", "effects", None, f"nothing is left of {cut[0]}: it is cut through")
-        return tuple(shaped.values())
+        return self._shaped.members
+
+    @cached_property
+    def _reshapes(self) -> tuple[tuple[Reshape, ItsValues], ...]:
+        """What changes the shape of members."""
+        return tuple((face, values) for face, values in self._faces if isinstance(face, Reshape))
+
+    @cached_property
+    def _shaped(self) -> _Shaped:
+        """The members in their true shape, and which are alike."""
+        return self._memo.once(("shaped", self._reshapes), lambda: _shaped(self.linkage.members, self._reshapes))
 
     @cached_property
     def _elastic(self) -> Elastic:
@@ -126,40 +139,79 @@ class ComplianceModel:
     @cached_property
     def _terms(self) -> tuple[TermWithValues, ...]:
         """The compliances that effects add to members."""
-        return tuple(
+        return tuple((face, values) for face, values in self._faces if isinstance(face, Term))
+
+    @cached_property
+    def _faces(self) -> list[tuple[object, ItsValues]]:
+        """The faces of all effects, with the values of their parameters."""
+        return [
             (face, tuple(self.effects[name].items()))
             for name in sorted(self.effects)
             for face in statics.find(name).faces
-            if isinstance(face, Term)
-        )
+        ]
+
+    @cached_property
+    def state(self) -> Hashable:
+        """What its members depend on: models of the same linkage that share it differ in springs at the ports alone."""
+        return self._reshapes, self._terms, self._elastic
 
     def member_compliance(self, member: Member, *, out_of_plane: bool = False) -> Array:
         """Return what a member of true shape gives way, 3 by 3; out of its plane nothing does without effects."""
-        mine = (member.kind, out_of_plane)
-        terms = tuple(each for each in self._terms if (each[0].member_kind, each[0].out_of_plane) == mine)
-        shape = replace(
-            member, name="", nodes=("", ""), start=(0.0, 0.0, 0.0), end=(round(member.length, 12), 0.0, 0.0)
-        )
-        return _member_compliance(shape, self._elastic, terms, out_of_plane)
+        terms = self._terms_of(member, out_of_plane=out_of_plane)
+        return _member_compliance(_at_origin(member), self._elastic, terms, out_of_plane)
 
-    def _compliances(self, *, out_of_plane: bool = False) -> dict[str, Array]:
-        """Return what every member gives way, by its name."""
-        return {m.name: self.member_compliance(m, out_of_plane=out_of_plane) for m in self.members}
+    def _terms_of(self, member: Member, *, out_of_plane: bool) -> tuple[TermWithValues, ...]:
+        mine = (member.kind, out_of_plane)
+        return tuple(each for each in self._terms if (each[0].member_kind, each[0].out_of_plane) == mine)
+
+    def _compliances(self, *, out_of_plane: bool = False) -> Array:
+        """Return what every member gives way, shape (members, 3, 3)."""
+        found = [
+            _member_compliance(each, self._elastic, self._terms_of(each, out_of_plane=out_of_plane), out_of_plane)
+            for each in self._shaped.kinds
+        ]
+        return np.array(found)[self._shaped.kind_of]
 
     # --- ports ------------------------------------------------------------------------------------------------
 
     @cached_property
     def port_compliance(self) -> Array:
         """Compliance between the ports, 2 by 2 [m/N]: row and column 0 the actuator's, 1 the output's."""
-        compliances = self._compliances()
-        loads = [self._pull(role) for role in ("input", "output")]
-        grounds = [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
-        linkage, tensions = replace(self.linkage, members=self.members), None
-        if self.base["force"]:
-            linkage, tensions = self._deform(linkage, compliances, grounds, loads[0])
+        force = self.base["force"]
+        found = self._memo.once(("ports", self.state, force), self._loaded_compliance if force else self._compliance)
+        return found + np.diag([0.0, self.base["base_compliance"]])
+
+    def _compliance(self) -> Array:
+        """Return the compliance between the ports at rest."""
+        loads = [self._pull("input"), self._pull("output")]
+        return self._between_loads("ports", self._grounds, loads, self._compliances())
+
+    def _between_loads(
+        self,
+        name: Hashable,
+        held: Sequence[str],
+        loads: Sequence[Mapping[str, Array]],
+        compliances: Array,
+        *,
+        out_of_plane: bool = False,
+    ) -> Array:
+        """Return the compliance between loads; `name` stands for them and for what is held."""
+        key = ("forces", name, out_of_plane, self._shaped.places)
+        linkage = replace(self.linkage, members=self.members)
+        forces = self._memo.once(key, lambda: ForceMethod(linkage, held, loads, out_of_plane=out_of_plane))
+        return forces.compliance(compliances)
+
+    @property
+    def _grounds(self) -> list[str]:
+        return [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
+
+    def _loaded_compliance(self) -> Array:
+        """Return the compliance between the ports as the actuator's force has moved and loaded the members."""
+        compliances = {m.name: c for m, c in zip(self.members, self._compliances(), strict=True)}
+        loads, grounds = [self._pull(role) for role in ("input", "output")], self._grounds
+        linkage, tensions = self._deform(replace(self.linkage, members=self.members), compliances, grounds, loads[0])
         solutions = frame.solve(linkage, compliances, grounds, loads, tensions)
-        found = [[sum(float(pull[n] @ result.motions[n]) for n in pull) for result in solutions] for pull in loads]
-        return np.array(found) + np.diag([0.0, self.base["base_compliance"]])
+        return np.array([[sum(float(pull[n] @ s.motions[n]) for n in pull) for s in solutions] for pull in loads])
 
     def _deform(
         self, linkage: Linkage, compliances: Mapping[str, Array], grounds: Sequence[str], pull: Mapping[str, Array]
@@ -197,25 +249,23 @@ class ComplianceModel:
         Rows: motions of the second port's point along x, y and z and about them, and the actuator's extension; columns:
         the forces and moments there, and the actuator's force. Ports face each other in the piece's plane.
         """
+        key = ("between", first.name, second.name)
+        return self._memo.once((*key, self.state), lambda: self._compliance_between(key, first, second))
+
+    def _compliance_between(self, key: Hashable, first: Port, second: Port) -> Array:
         held, node = [self.linkage.ports[first.name]], self.linkage.ports[second.name]
         place, found = self.linkage.nodes[node], np.zeros((7, 7))
-        linkage = replace(self.linkage, members=self.members)
         in_plane, out_of_plane = [0, 1, 5, 6], [2, 3, 4]
         dx, dy = second.point[0] - place[0], second.point[1] - place[1]
         to_point = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
         loads = [{node: force} for force in to_point] + [self._pull("input")]
-        solutions = frame.solve(linkage, self._compliances(), held, loads)
-        found[np.ix_(in_plane, in_plane)] = [
-            [float(sum(load[n] @ result.motions[n] for n in load)) for result in solutions] for load in loads
-        ]
+        found[np.ix_(in_plane, in_plane)] = self._between_loads(key, held, loads, self._compliances())
         compliances = self._compliances(out_of_plane=True)
-        if any(compliance.any() for compliance in compliances.values()):
+        if compliances.any():
             to_point = np.array([[1.0, dy, -dx], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
             loads = [{node: force} for force in to_point]
-            solutions = frame.solve(linkage, compliances, held, loads, out_of_plane=True)
-            found[np.ix_(out_of_plane, out_of_plane)] = [
-                [float(row @ answer.motions[node]) for answer in solutions] for row in to_point
-            ]
+            between = self._between_loads(key, held, loads, compliances, out_of_plane=True)
+            found[np.ix_(out_of_plane, out_of_plane)] = between
         return found
 
     # --- quantities -------------------------------------------------------------------------------------------
@@ -269,11 +319,51 @@ def seats(base: Mapping[str, float], stiffness: float) -> float:
     return base["contact_compliance"] + (base["actuator_compliance"] if math.isfinite(stiffness) else 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class _Shaped:
+    """Members in their true shape: those that differ, each at the origin, and which of them each member is."""
+
+    members: tuple[Member, ...]
+    kinds: tuple[Member, ...]
+    kind_of: list[int]
+
+    @cached_property
+    def places(self) -> tuple[tuple[Vector, Vector], ...]:
+        """Where the members begin and end."""
+        return tuple((member.start, member.end) for member in self.members)
+
+
+def _shaped(members: Sequence[Member], reshapes: Sequence[tuple[Reshape, ItsValues]]) -> _Shaped:
+    """Return members in their true shape.
+
+    Raises
+    ------
+    InputError
+        If nothing is left of one.
+    """
+    shaped = {member.name: member for member in members}
+    for face, items in reshapes:
+        values = dict(items)
+        for member in face.changed(members, values):
+            shaped[member.name] = face.shape(shaped[member.name], values)
+    if cut := [member.name for member in shaped.values() if member.thickness <= 0]:
+        raise InputError("design", "effects", None, f"nothing is left of {cut[0]}: it is cut through")
+    kinds: dict[Member, int] = {}
+    kind_of = [kinds.setdefault(_at_origin(member), len(kinds)) for member in shaped.values()]
+    return _Shaped(tuple(shaped.values()), tuple(kinds), kind_of)
+
+
+def _at_origin(member: Member) -> Member:
+    """Return a member without its name and its place, by which what it gives way does not change."""
+    end = (round(member.length, 12), 0.0, 0.0)
+    return replace(member, name="", nodes=("", ""), start=(0.0, 0.0, 0.0), end=end)
+
+
 @lru_cache(maxsize=10_000)
 def _member_compliance(shape: Member, elastic: Elastic, terms: tuple[TermWithValues, ...], out_of_plane: bool) -> Array:
     """Return what a member gives way, with the compliances that effects add, and the values of their parameters.
 
-    A fit asks for the same again and again: quarters are alike, and most effects change few members.
+    A fit asks for the same again and again: most effects change few members.
     """
     total = np.zeros((3, 3)) if out_of_plane else _pseudo_rigid(shape, elastic)
     for term, values in terms:

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexdesign.core.arrays import Array
-from flexdesign.core.model import Linkage, Member
+from flexdesign.core.model import Linkage
 from flexdesign.core.model.linkage import Vector
 
 
@@ -80,31 +80,19 @@ def solve(
     Mechanism
         If something can move freely.
     """
-    at_place = _at_out_of_plane if out_of_plane else _at
-    free = [node for node in linkage.nodes if node not in held]
-    place = {node: 3 * number for number, node in enumerate(free)}
-    forces, unknowns = 3 * len(linkage.members), 3 * len(free)
-    parting = np.zeros((forces, unknowns))
+    parted, place = parting(linkage, held, out_of_plane=out_of_plane)
+    forces, unknowns = parted.shape
     system = np.zeros((forces + unknowns, forces + unknowns))
-    for row, member in zip(range(0, forces, 3), linkage.members, strict=True):
-        for node, way in zip(member.nodes, (-1, 1), strict=True):
-            if node in place:
-                at = slice(place[node], place[node] + 3)
-                parting[row : row + 3, at] += way * at_place(member.centre, member, linkage.nodes[node])
-        system[row : row + 3, row : row + 3] = -compliances[member.name]
-    system[:forces, forces:], system[forces:, :forces] = parting, parting.T
-    for member in linkage.members if tensions else ():
-        across = np.zeros(unknowns)
-        for node, end, way in zip(member.nodes, (member.start, member.end), (-1, 1), strict=True):
-            if node in place:
-                carried = _at(end, member, linkage.nodes[node])
-                across[place[node] : place[node] + 3] += way * carried[1]
-        system[forces:, forces:] += (tensions or {})[member.name] / member.length * np.outer(across, across)
+    each = np.arange(len(linkage.members))
+    blocks = system[:forces, :forces].reshape(len(each), 3, len(each), 3)
+    blocks[each, :, each] = -np.array([compliances[member.name] for member in linkage.members]).reshape(-1, 3, 3)
+    system[:forces, forces:], system[forces:, :forces] = parted, parted.T
+    if tensions:
+        across = _partings(linkage, place, ends=True)[:, 1]
+        pulls = np.array([tensions[member.name] / member.length for member in linkage.members])
+        system[forces:, forces:] = across.T @ (pulls[:, None] * across)
     right = np.zeros((forces + unknowns, len(loads)))
-    for column, load in enumerate(loads):
-        for node, force in load.items():
-            if node in place:
-                right[forces + place[node] : forces + place[node] + 3, column] += force
+    right[forces:] = load_columns(loads, place, unknowns)
     found = _solve_scaled(system, right)
     passed, displacements, still = found[:forces], found[forces:], np.zeros(3)
     return [
@@ -120,6 +108,23 @@ def solve(
         )
         for column in range(len(loads))
     ]
+
+
+def parting(linkage: Linkage, held: Sequence[str], *, out_of_plane: bool = False) -> tuple[Array, dict[str, int]]:
+    """Return B, how members part per motion of the nodes, three rows each, and where each node begins."""
+    place = {node: 3 * number for number, node in enumerate(node for node in linkage.nodes if node not in held)}
+    found = _partings(linkage, place, out_of_plane=out_of_plane)
+    return found.reshape(3 * len(linkage.members), 3 * len(place)), place
+
+
+def load_columns(loads: Sequence[Mapping[str, Array]], place: Mapping[str, int], unknowns: int) -> Array:
+    """Return loads as columns, one row for each unknown; what acts on a node that is held moves nothing."""
+    columns = np.zeros((unknowns, len(loads)))
+    for column, load in enumerate(loads):
+        for node, force in load.items():
+            if node in place:
+                columns[place[node] : place[node] + 3, column] += force
+    return columns
 
 
 def displace(linkage: Linkage, motions: Mapping[str, Array]) -> Linkage:
@@ -153,20 +158,34 @@ def _solve_scaled(system: Array, right: Array) -> Array:
     return np.asarray(solution)
 
 
-def _at(point: Vector, member: Member, node: Vector) -> Array:
-    """Return the motion of a rigid body at a point, along a member, across and turning, per motion of its node."""
-    (x, y, _), (ax, ay, _) = point, member.axis
-    dx, dy = x - node[0], y - node[1]
-    carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-    turned = np.array([[ax, ay, 0.0], [-ay, ax, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(turned @ carried)
+def _partings(linkage: Linkage, place: Mapping[str, int], *, out_of_plane: bool = False, ends: bool = False) -> Array:
+    """Return how members part, shape (members, 3, unknowns): at their centres, or their ends from one another."""
+    members = linkage.members
+    found = np.zeros((len(members), 3, len(place), 3))
+    sides = [np.reshape([getattr(member, side)[:2] for member in members], (-1, 2)) for side in ("start", "end")]
+    centres, along = (sides[0] + sides[1]) / 2, sides[1] - sides[0]
+    axes = along / np.array([[member.length] for member in members])
+    for side, way in enumerate((-1.0, 1.0)):
+        nodes = np.reshape([linkage.nodes[member.nodes[side]][:2] for member in members], (-1, 2))
+        arms = (sides[side] if ends else centres) - nodes
+        numbers = np.array([place.get(m.nodes[side], -3) // 3 for m in members], dtype=int)
+        moving = np.flatnonzero(numbers >= 0)
+        carried = (_carried_out_of_plane if out_of_plane else _carried)(arms[moving], axes[moving])
+        found[moving, :, numbers[moving]] += way * carried
+    return found.reshape(len(members), 3, 3 * len(place))
 
 
-def _at_out_of_plane(point: Vector, member: Member, node: Vector) -> Array:
-    """Return the motion of a rigid body at a point along z, about a member and about the line across it."""
-    (x, y, _), (ax, ay, _) = point, member.axis
-    dx, dy = x - node[0], y - node[1]
-    return np.array([[1.0, dy, -dx], [0.0, ax, ay], [0.0, -ay, ax]])
+def _carried(arms: Array, axes: Array) -> Array:
+    """Return motions along members, across and turning, per motion of the node that carries them, (n, 3, 3)."""
+    (dx, dy), (ax, ay), none, one = arms.T, axes.T, np.zeros(len(arms)), np.ones(len(arms))
+    rows = [[ax, ay, ay * dx - ax * dy], [-ay, ax, ay * dy + ax * dx], [none, none, one]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _carried_out_of_plane(arms: Array, axes: Array) -> Array:
+    """Return motions along z, about members and about the lines across them, per motion of the node, (n, 3, 3)."""
+    (dx, dy), (ax, ay), none, one = arms.T, axes.T, np.zeros(len(arms)), np.ones(len(arms))
+    return np.moveaxis(np.array([[one, dy, -dx], [none, ax, ay], [none, -ay, ax]]), 2, 0)
 
 
 def transfer_force(node: Vector, point: Vector, force: Sequence[float]) -> Array:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -31,15 +31,14 @@ import scipy.linalg
 
 from flexdesign.analytic import compliance, frame
 from flexdesign.analytic.compliance import SOURCE, ComplianceModel, Effects
+from flexdesign.analytic.stage_joints import ARM, Joint, Joints, ends
 from flexdesign.core.arrays import Array
+from flexdesign.core.memo import Memo
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.design.assembly import Assembly, Element
 from flexdesign.design.materials import Material
-from flexdesign.design.part import Port
 from flexdesign.effects import statics
 
-#: Length [m] that makes rotations comparable with motions, and forces with moments.
-ARM = 0.01
 #: A compliance below this fraction of the largest one is rigid.
 RIGID = 1e-11
 #: What of a tie is so small follows from other ties.
@@ -94,83 +93,79 @@ class StageCompliance:
 
     def having(self, effects: Effects) -> StageCompliance:
         """Return the model with these effects in the place of its own."""
-        return replace(self, effects=effects)
+        other = replace(self, effects=effects)
+        vars(other)["_memo"] = self._memo
+        return other
+
+    @cached_property
+    def _memo(self) -> Memo:
+        """What was found of assembly and models, with whatever effects."""
+        return Memo()
+
+    @cached_property
+    def _any_part(self) -> ComplianceModel:
+        return next(iter(self.models.values())).having(self.effects)
 
     @cached_property
     def base(self) -> Mapping[str, float]:
         """Springs in addition to the members, as changed by the effects."""
-        return next(iter(self.models.values())).having(self.effects).base
+        return self._any_part.base
 
     # --- between the bodies -----------------------------------------------------------------------------------
 
-    @cached_property
+    @property
     def _places(self) -> dict[str, list[int]]:
         """The unknowns of each body that moves: three motions of its centre and, if it turns, three rotations."""
-        carrying = {
-            body for element in self.assembly.elements if _is_driven(element) for body in element.bonds.values()
-        }
-        straight = carrying | {self.assembly.table} if not self.base["free_bodies"] else set()
-        places, count = {}, 0
-        for body in self.assembly.free_bodies:
-            size = 3 if body.name in straight else 6
-            places[body.name] = list(range(count, count + size))
-            count += size
-        return places
+        return self._joints.places
 
     @property
     def _size(self) -> int:
-        return sum(len(each) for each in self._places.values())
+        return self._joints.size
 
     @cached_property
-    def _centres(self) -> dict[str, Array]:
-        """Of the bodies [m]."""
-        return {body.name: body.centre for body in self.assembly.bodies}
+    def _joints(self) -> Joints:
+        """Where each part is, between which bodies."""
+        turns = bool(self.base["free_bodies"])
+        return self._memo.once(("joints", turns), lambda: Joints.of(self.assembly, turns=turns))
 
     @cached_property
     def _drivers(self) -> tuple[str, ...]:
         """Names of the elements with an actuator."""
         return self.assembly.driven
 
-    def _motion(self, body: str, point: Array) -> Array:
-        """Return how a point of a body moves and turns by its unknowns, shape (6, k)."""
-        return _arm_motion(point - self._centres[body])[:, : len(self._places.get(body, ()))]
-
-    def _parting(self, element: Element) -> tuple[list[int], Array]:
-        """Return B, how the second port parts from the first, in the part's frame at the second: unknowns, (6, k)."""
-        first, second = _ends(element)
-        point = element.placement.outside(np.array(second.point))
-        one, other = (element.bonds[port.name] for port in (first, second))
-        places = [*self._places.get(one, ()), *self._places.get(other, ())]
-        parted = np.hstack([-self._motion(one, point), self._motion(other, point)]).reshape(2, 3, len(places))
-        return places, (element.placement.matrix.T @ parted).reshape(6, len(places))
-
     @cached_property
     def _elements(self) -> list[_Built]:
         """Every part at its place."""
         found_once: dict[int, tuple[Array, _Split]] = {}
         built = []
-        for element in self.assembly.elements:
-            model = self.models[element.name]
+        for joint in self._joints.each:
+            model = self.models[joint.element.name]
             if id(model) not in found_once:
-                found_once[id(model)] = _condense(model.having(self.effects), element)
-            built.append(_Built(element, *self._parting(element), *found_once[id(model)]))
+                found_once[id(model)] = _condense(model.having(self.effects), joint.element)
+            built.append(_Built(joint, *found_once[id(model)]))
         return built
 
     @cached_property
     def free(self) -> Array:
         """Compliance between all actuators, then the table's three motions, inputs free [m/N], (e + 3, e + 3)."""
-        driven = [built for built in self._elements if _is_driven(built.element)]
-        count, stiffness = len(driven), np.zeros((self._size, self._size))
-        for built in self._elements:
-            stiffness[np.ix_(built.places, built.places)] += built.parting.T @ built.split.stiffness @ built.parting
-        loads, table = np.zeros((self._size, count + 3)), np.zeros((3, self._size))
-        body = self.assembly.table
-        table[:, self._places[body]] = self._motion(body, np.array(self.assembly.point))[:3]
+        return self._memo.once(("free", self._any_part.state, self.base["free_bodies"]), self._free)
+
+    def _free(self) -> Array:
+        """Return the same, solved."""
+        driven = [built for built in self._elements if built.joint.is_driven]
+        count, table = len(driven), self._joints.table
+        loads = np.zeros((self._size, count + 3))
         loads[:, count:] = table.T
         for column, built in enumerate(driven):
             loads[built.places, column] = built.parting.T @ built.split.stiffness @ built.whole[:6, 6]
-        left = self._free_motions()
-        displacements = left @ _solve(left.T @ stiffness @ left, left.T @ loads)
+        stiffness, left = (
+            self._joints.assemble([built.split.stiffness for built in self._elements]),
+            self._free_motions(),
+        )
+        if left is None:
+            displacements = _solve(stiffness, loads)
+        else:
+            displacements = left @ _solve(left.T @ stiffness @ left, left.T @ loads)
         found = np.zeros((count + 3, count + 3))
         found[count:] = table @ displacements
         for row, built in enumerate(driven):
@@ -180,8 +175,8 @@ class StageCompliance:
             found[row, row] += built.whole[6, 6]
         return found
 
-    def _free_motions(self) -> Array:
-        """Return Z, a basis of the motions that rigid parts leave, shape (size, m)."""
+    def _free_motions(self) -> Array | None:
+        """Return Z, a basis of the motions that rigid parts leave, shape (size, m); None if nothing is tied."""
         ties = [(built.places, built.split.rigid.T @ built.parting) for built in self._elements]
         whole = np.zeros((sum(len(tie) for _, tie in ties), self._size))
         row = 0
@@ -190,14 +185,14 @@ class StageCompliance:
             row += len(tie)
         whole = np.vstack([whole, *self._halves()])
         if not len(whole):
-            return np.eye(self._size)
+            return None
         q, r, _ = scipy.linalg.qr(whole.T, pivoting=True)
         sizes = np.abs(np.diag(r))
         return np.asarray(q[:, int((sizes > DOUBLE * sizes[0]).sum()) :])
 
     def _halves(self) -> list[Array]:
         """Return what ties amplifiers in series, the output of one on the ground of the other: equal travel."""
-        driven = [built for built in self._elements if _is_driven(built.element)]
+        driven = [joint for joint in self._joints.each if joint.is_driven]
         ties = []
         for one, other in itertools.permutations([] if self.base["free_bodies"] else driven, 2):
             if one.bodies[1] == other.bodies[0]:
@@ -297,43 +292,21 @@ class _Split:
 
 @dataclass(frozen=True, eq=False)
 class _Built:
-    """A part at its place: B and the unknowns it is of, its compliance 7 by 7, and that between its ports split."""
+    """A part at its place, its compliance 7 by 7, and that between its ports split."""
 
-    element: Element
-    places: list[int]
-    parting: Array
+    joint: Joint
     whole: Array
     split: _Split
 
     @property
-    def bodies(self) -> tuple[str, str]:
-        """What it is bonded to: first what counts as held."""
-        first, second = (self.element.bonds[port.name] for port in _ends(self.element))
-        return first, second
+    def places(self) -> list[int]:
+        """The unknowns it is of."""
+        return self.joint.places
 
     @property
-    def outwards(self) -> Array:
-        """The normal of the port that moves, in the part's frame, shape (3,)."""
-        return np.array(_ends(self.element)[1].normal)
-
-
-def _is_driven(element: Element) -> bool:
-    return any(port.role == "input" for port in element.part.ports())
-
-
-def _ends(element: Element) -> tuple[Port, Port]:
-    """Return the port that counts as held, and the one that moves relative to it."""
-    bonded: Sequence[Port] = [port for port in element.part.ports() if port.name in element.bonds]
-    first, second = sorted(bonded, key=lambda port: port.role == "output")
-    return first, second
-
-
-def _arm_motion(arm: Array) -> Array:
-    """Return the motion at the end of an arm per motion of a body, 6 by 6, rotations in units of 1 / `ARM`."""
-    x, y, z = arm / ARM
-    whole = np.eye(6)
-    whole[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    return whole
+    def parting(self) -> Array:
+        """How it parts by them, (6, k)."""
+        return self.joint.parting
 
 
 def _condense(model: ComplianceModel, element: Element) -> tuple[Array, _Split]:
@@ -345,7 +318,7 @@ def _condense(model: ComplianceModel, element: Element) -> tuple[Array, _Split]:
         If its actuator moves what does not give way.
     """
     scale = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM, 1.0])
-    whole = scale[:, None] * model.compliance_between(*_ends(element)) * scale
+    whole = scale[:, None] * model.compliance_between(*ends(element)) * scale
     left, sizes, right = np.linalg.svd(whole[:6, :6])
     gives = sizes > RIGID * sizes[0]
     rigid = left[:, ~gives]
