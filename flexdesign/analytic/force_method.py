@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy.linalg
 
 from flexdesign.analytic import frame
 from flexdesign.core.arrays import Array
@@ -51,13 +52,13 @@ class ForceMethod:
         unit = np.array([1.0, length, length] if out_of_plane else [1.0, 1.0, length])
         count, size = parting.shape[0] // 3, parting.shape[1]
         rows, columns = np.tile(unit, count), np.tile(unit, size // 3)
-        left, sizes, right = np.linalg.svd(rows[:, None] * parting / columns)
-        if len(sizes) < size or not _is_regular(sizes, len(rows)):
+        q, r, order = scipy.linalg.qr(rows[:, None] * parting / columns, pivoting=True)
+        if parting.shape[0] < size or not _is_regular(np.abs(np.diag(r)), len(rows)):
             raise frame.Mechanism("the members leave something free to move")
         carried = frame.load_columns(loads, places, size) / columns[:, None]
-        carrying = left[:, :size] @ (right @ carried / sizes[:, None])
+        carrying = q[:, :size] @ scipy.linalg.solve_triangular(r[:size], carried[order], trans="T")
         self._loads = len(loads)
-        self._forces = rows[:, None] * np.hstack([carrying, left[:, size:]])
+        self._forces = rows[:, None] * np.hstack([carrying, q[:, size:]])
 
     def compliance(self, compliances: Array) -> Array:
         """Return the compliance between the loads, row by the motion, column by the load.
@@ -83,7 +84,7 @@ class ForceMethod:
 
 
 def _is_regular(sizes: Array, terms: int) -> bool:
-    """Tell whether the last of descending singular values exceeds the rounding of a sum of this number of terms."""
+    """Tell whether the last of descending sizes of a matrix exceeds the rounding of a sum of this number of terms."""
     return not len(sizes) or bool(sizes[-1] > terms * np.finfo(float).eps * sizes[0])
 
 

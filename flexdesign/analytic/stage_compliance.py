@@ -318,7 +318,7 @@ def _condense(model: ComplianceModel, element: Element) -> tuple[Array, _Split]:
         If its actuator moves what does not give way.
     """
     scale = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM, 1.0])
-    whole = scale[:, None] * model.compliance_between(*ends(element)) * scale
+    whole = scale[:, None] * model.compliance_between(*ends(element, model.ports)) * scale
     left, sizes, right = np.linalg.svd(whole[:6, :6])
     gives = sizes > RIGID * sizes[0]
     rigid = left[:, ~gives]

@@ -45,7 +45,9 @@ class Joints:
     @classmethod
     def of(cls, assembly: Assembly, *, turns: bool) -> Joints:
         """Return the parts of an assembly; without `turns` the table and what carries amplifiers do not turn."""
-        carrying = {body for each in assembly.elements if _has_actuator(each) for body in each.bonds.values()}
+        ports = {id(each.part): tuple(each.part.ports()) for each in assembly.elements}
+        driven = {id_ for id_, its in ports.items() if any(port.role == "input" for port in its)}
+        carrying = {body for e in assembly.elements if id(e.part) in driven for body in e.bonds.values()}
         straight = set() if turns else carrying | {assembly.table}
         places, size = {}, 0
         for body in assembly.free_bodies:
@@ -60,14 +62,14 @@ class Joints:
 
         joints = []
         for element in assembly.elements:
-            first, second = ends(element)
+            first, second = ends(element, ports[id(element.part)])
             point = element.placement.outside(np.array(second.point))
             one, other = (element.bonds[port.name] for port in (first, second))
             its = [*places.get(one, ()), *places.get(other, ())]
             parted = np.hstack([-motion(one, point), motion(other, point)]).reshape(2, 3, len(its))
             parting = (element.placement.matrix.T @ parted).reshape(6, len(its))
             outwards = np.array(second.normal)
-            joints.append(Joint(element, (one, other), outwards, _has_actuator(element), its, parting))
+            joints.append(Joint(element, (one, other), outwards, id(element.part) in driven, its, parting))
         table = np.zeros((3, size))
         table[:, places[assembly.table]] = motion(assembly.table, np.array(assembly.point))[:3]
         return cls(tuple(joints), places, size, table)
@@ -88,13 +90,9 @@ class Joints:
         return total.reshape(rows, rows)[:-1, :-1]
 
 
-def _has_actuator(element: Element) -> bool:
-    return any(port.role == "input" for port in element.part.ports())
-
-
-def ends(element: Element) -> tuple[Port, Port]:
-    """Return the port that counts as held, and the one that moves relative to it."""
-    bonded: Sequence[Port] = [port for port in element.part.ports() if port.name in element.bonds]
+def ends(element: Element, ports: Sequence[Port]) -> tuple[Port, Port]:
+    """Return the port that counts as held, and the one that moves relative to it; `ports` are those of its part."""
+    bonded = [port for port in ports if port.name in element.bonds]
     first, second = sorted(bonded, key=lambda port: port.role == "output")
     return first, second
 

@@ -15,7 +15,7 @@ from flexdesign.core import data_files, toml_files, toml_writing
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.toml_files import Bounds, Table, as_written, attribute_overrides, check, in_si, read_toml
 from flexdesign.design import changes, materials, part, sketch, step_part
-from flexdesign.design.assembly import Stage
+from flexdesign.design.assembly import Assembly, Stage
 from flexdesign.design.materials import Material
 from flexdesign.effects import statics
 
@@ -157,6 +157,14 @@ class Design:
         built: Stage = self._built
         return built
 
+    def assembly(self) -> Assembly:
+        """Return the parts and bodies of the stage, put together once."""
+        return self._assembled
+
+    @cached_property
+    def _assembled(self) -> Assembly:
+        return self.stage().assembly()
+
     @cached_property
     def _built(self) -> Any:
         try:
@@ -170,7 +178,7 @@ class Design:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process gets: the design without its part, whose solid may not be copied."""
-        return {key: value for key, value in self.__dict__.items() if key != "_built"}
+        return {key: value for key, value in self.__dict__.items() if key not in ("_built", "_assembled")}
 
 
 def find(name: str | Path) -> Path:
@@ -246,7 +254,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
     )
     try:
         if design.is_stage:
-            design.stage().assembly()
+            design.assembly()
         else:
             part.examine(design.part())
             _require_input(design)

@@ -119,9 +119,10 @@ class StaticModel:
         key = (self.guessed, *varied.items())
         if key not in self._built:
             stiffness = self.design.actuator.installed_stiffness if self.design.actuator else None
-            other, material = replace(self.design, dimensions=varied), self.design.material
+            is_drawn, material = varied == dict(self.design.dimensions), self.design.material
+            other = self.design if is_drawn else replace(self.design, dimensions=varied)
             if other.is_stage:
-                whole = StageCompliance.of_assembly(other.stage().assembly(), material, stiffness)
+                whole = StageCompliance.of_assembly(other.assembly(), material, stiffness)
                 guessed = (
                     {id(part): _with_guessed_roots(part) for part in whole.models.values()} if self.guessed else {}
                 )
@@ -162,7 +163,7 @@ def of_design(design: Design, *, bare: bool = False) -> StaticModel:
 def nominal_effects(design: Design) -> dict[str, dict[str, float]]:
     """Return the effects that a part or a stage has by its drawing, in full strength."""
     if design.is_stage:
-        return stage_compliance.nominal_effects(design.stage().assembly())
+        return stage_compliance.nominal_effects(design.assembly())
     return compliance.nominal_effects(design.part())
 
 

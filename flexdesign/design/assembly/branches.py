@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core.model.linkage import Vector
-from flexdesign.design.assembly.stage import Body, Box, Element, Placement
+from flexdesign.design.assembly.stage import Body, Box, Element, Placement, cross
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,7 @@ def strung(name: str, start: Vector, direction: Vector, pieces: Sequence[Leaf | 
             branch.bodies.append(Body(f"{name}_{index}", (Box(middle, tuple(size.tolist())),)))
         else:
             after = next(ends)
-            across: Vector = tuple(np.cross(piece.axis, along).tolist())
-            place = Placement.of_axes(middle, direction, across)
+            place = Placement.of_axes(middle, direction, cross(piece.axis, direction))
             branch.elements.append(Element(f"{name}_leaf_{index}", piece.piece, place, {"start": before, "end": after}))
             before = after
         at = at + along * piece.length
