@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -39,6 +38,7 @@ from flexdesign.report.diagnosis import (
     diagnosis_result,
     diagnosis_text,
 )
+from tests.conftest import Ended
 
 DEMO = Path(__file__).parent.parent / "studies" / "hidden_effect_demo"
 ANSWER = tomllib.loads((DEMO / "answer.toml").read_text())
@@ -586,11 +586,12 @@ def test_diagnose_refuses_runs_that_do_not_fit(given: Any) -> None:
         (["add", "{model}", "thermal_expansion", "{runs}"], ("thermal_expansion", "a column T")),
     ],
 )
-def test_commands_end_with_one_message(arguments: list[str], names: tuple[str, ...], tmp_path: Path) -> None:
+def test_commands_end_with_one_message(
+    arguments: list[str], names: tuple[str, ...], tmp_path: Path, command_line: Callable[..., Ended]
+) -> None:
     given = [a.format(model=DEMO / "model.toml", runs=DEMO / "runs") for a in arguments]
-    command = [sys.executable, "-m", "flexdesign", *given, "--out", str(tmp_path / "out")]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert told.returncode == 2
+    told = command_line(*given, "--out", str(tmp_path / "out"))
+    assert told.code == 2
     assert told.stdout == ""
     said = [line for line in told.stderr.splitlines() if line.startswith("flexdesign: ")]
     assert len(said) == 1
