@@ -41,21 +41,20 @@ def long(monkeypatch: pytest.MonkeyPatch, enough: int) -> DiagnosisData:
 def test_short_recordings_are_searched_whole() -> None:
     data = prepare(*demo(), None, None)
     assert sum(len(run.time) for run in data.runs) < dataset.LONG_RUNS
-    assert dataset.truncate(data) is None
+    assert not dataset.is_long(data)
 
 
 def test_recordings_of_unknown_noise_are_searched_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     # A share of what is unexplained is another one in a part of the runs: beside the cubic stiffness of a real
     # oscillator its opening showed a hysteresis which the whole recordings have no need of.
     data = long(monkeypatch, 6_000)
-    assert dataset.truncate(data) is not None
-    assert dataset.truncate(replace(data, noise=replace(data.noise, known=False))) is None
+    assert dataset.is_long(data)
+    assert not dataset.is_long(replace(data, noise=replace(data.noise, known=False)))
 
 
 def test_runs_are_cut_at_one_length_and_short_ones_stay_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     data = long(monkeypatch, 10_000)
-    short = dataset.truncate(data)
-    assert short is not None
+    short = dataset.first_part(data)
     lengths = [len(run.time) for run in short.runs]
     assert 10_000 - len(lengths) < sum(lengths) <= 10_000
     cut = max(lengths)
@@ -89,8 +88,7 @@ def test_all_runs_are_cut_at_the_same_length(
         Run(f"run{k}", np.arange(float(n)), {"u": np.zeros(n), name: np.zeros(n)}, {"u": "V", name: "m"}, "hold")
         for k, n in enumerate(lengths)
     ]
-    short = dataset.truncate(replace(about, runs=tuple(runs)))
-    assert short is not None
+    short = dataset.first_part(replace(about, runs=tuple(runs)))
     assert [len(run.time) for run in short.runs] == [min(n, max(cut, 2)) for n in lengths]
 
 
@@ -100,8 +98,8 @@ def test_a_run_that_begins_with_a_gap_is_cut_behind_it(monkeypatch: pytest.Monke
     gone[:1_400] = np.nan
     (name,) = data.runs[0].responses
     late = replace(data.runs[0], columns={**data.runs[0].columns, name: gone})
-    short = dataset.truncate(replace(data, runs=(late, *data.runs[1:])))
-    assert short is not None and np.isfinite(short.runs[0].measured()).any()
+    short = dataset.first_part(replace(data, runs=(late, *data.runs[1:])))
+    assert np.isfinite(short.runs[0].measured()).any()
 
 
 @pytest.mark.slow

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import chirp, lsim
 
 import flexdesign as fd
+from flexdesign.diagnosis import diagnose, windowed_selection
 from flexdesign.diagnosis.preparation import windows as excerpts
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.windows import is_very_long, windows
+from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
-from flexdesign.measurements.recordings import Run, splitting
+from flexdesign.measurements.recordings import Run, read_runs, splitting
+from studies.benchmarks.diagnosis import case_of
+from studies.hidden_effect_trial import folder
 
 PERIOD, NOISE = 2e-4, 2e-8
 #: A main mode, and a second one: frequency [Hz], damping ratio, static response [m/V].
@@ -101,6 +106,36 @@ def test_a_long_sweep_is_validated_about_each_of_its_resonances() -> None:
     assert not (np.isfinite(fitted.measured()) & np.isfinite(kept.measured())).any()
 
 
+@pytest.mark.parametrize(
+    ("name", "is_slow"),
+    [
+        ("creep", True),
+        ("sensor_drift", True),
+        ("prandtl_ishlinskii", True),
+        ("hysteretic_spring", True),
+        ("second_mode", False),
+        ("transport_delay", False),
+        ("quadratic_stiffness", False),
+    ],
+)
+def test_what_may_last_longer_than_a_window_is_searched_in_all_samples(name: str, is_slow: bool) -> None:
+    assert windowed_selection.is_slow(name) == is_slow
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", ["1.98e-8", ""], ids=["known noise", "unknown noise"])
+def test_hysteresis_is_found_in_very_long_recordings(
+    noise: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its loops last for seconds, a window for one."""
+    monkeypatch.setattr(excerpts, "VERY_LONG", 50_000)
+    folder.write(case_of("prandtl_ishlinskii"), tmp_path, tmp_path / "answer.toml")
+    runs = [run for run in read_runs([tmp_path / folder.RUNS]) if noise or "quiet" not in run.name]
+    model = stage_model.read(str(tmp_path / folder.MODEL), [])
+    found = diagnose(model, runs, noise=float(noise) if noise else None)
+    assert [effect.name for effect in found.effects] == ["prandtl_ishlinskii"]
+
+
 @pytest.mark.slow
 def test_a_second_mode_is_found_in_a_long_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(excerpts, "VERY_LONG", 50_000)
@@ -117,4 +152,7 @@ def test_a_second_mode_is_found_in_a_long_sweep(monkeypatch: pytest.MonkeyPatch)
         assert low - margin < truth[value.parameter.name.rpartition(".")[2]] < high + margin
     assert found.validation_error == pytest.approx(NOISE, rel=0.02)
     assert any("windows" in text for text in said)
-    assert "Of 60000 samples, effects were searched in 12 windows of 1000" in " ".join(str(found).split())
+    assert (
+        "Of 60000 samples, effects were searched in the first part of each run, then in 12 windows of 1000"
+        in " ".join(str(found).split())
+    )

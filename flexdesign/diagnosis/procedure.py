@@ -26,7 +26,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
 from flexdesign.diagnosis.models_without_physics import is_better_linear, smooth_residual_model
-from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, truncate
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, first_part, is_long, prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.oversampling import oversampling_of
@@ -115,8 +115,9 @@ def diagnose(
             progress(remark)
             data = _with_remark(data, remark)
             step_forward = partial(forward_in_windows, model, data, MOST_EFFECTS)
-        elif (short := truncate(data)) is not None:
+        if is_long(data):
             progress("searching in the first part of each run")
+            short = first_part(data)
             _, case_of_parts = case_of(model, short, each, progress)
             _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more))
         task, history = search(

@@ -2,7 +2,7 @@
 
 Screening and fits of all candidates use windows in which the present model fails most. What is chosen there is fitted
 to all values, and must pass the same checks. If nothing passes, the effects that are too slow for a window, such as
-creep and drift, are searched in all values.
+creep, drift and hysteresis whose loops last longer, are searched in all values.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import cast
 
 from flexdesign import effects
-from flexdesign.core.model import Block, Disturbance
+from flexdesign.core.model import Block, Disturbance, Socket
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     case_of,
     evaluate_design,
@@ -72,15 +72,17 @@ def forward_in_windows(
             return Step(trial, (trial, *others))
         refused += [*([] if trial is None else [trial]), *(each for each in others if each.reason)]
     task.progress("searching slow effects in all samples")
-    slow = forward(task, fit, [each for each in candidates if _is_slow(each)], origins)
+    slow = forward(task, fit, [each for each in candidates if is_slow(each.name)], origins)
     return replace(slow, trials=(*slow.trials, *refused))
 
 
-def _is_slow(candidate: Candidate) -> bool:
-    """Tell whether an effect may be too slow for a window: it has slow states, or adds to the reading."""
-    faces = effects.find(candidate.name).faces
-    relaxes = any(isinstance(face, Block) and face.relaxing for face in faces)
-    return relaxes or (bool(faces) and all(isinstance(face, Disturbance) for face in faces))
+def is_slow(effect: str) -> bool:
+    """Tell whether an effect may be too slow for a window: it relaxes, has loops, or adds to the reading."""
+    faces = effects.find(effect).faces
+    blocks = [face for face in faces if isinstance(face, Block)]
+    has_loops = any(block.states and block.socket in (Socket.HYSTERESIS, Socket.FORCE) for block in blocks)
+    relaxes = any(block.relaxing for block in blocks)
+    return has_loops or relaxes or (bool(faces) and all(isinstance(face, Disturbance) for face in faces))
 
 
 def _steps(

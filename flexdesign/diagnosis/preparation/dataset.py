@@ -333,16 +333,22 @@ def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
 # --- the first part of long runs -------------------------------------------------------------------------------------
 
 
-def truncate(data: DiagnosisData) -> DiagnosisData | None:
-    """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut.
+def is_long(data: DiagnosisData) -> bool:
+    """Tell whether runs are searched in their first part.
+
+    If the noise is unknown, they are not: evidence is then weighted by the explained share of the residual, which
+    differs in a part of the runs.
+    """
+    return sum(len(run.time) for run in data.runs) >= LONG_RUNS and data.noise.known
+
+
+def first_part(data: DiagnosisData) -> DiagnosisData:
+    """Return the data set with its runs cut after a number of values, the same for all.
 
     Most effects of long runs show in their first part, where a search is faster. The whole runs confirm or reject them,
-    and are searched for further effects. If the noise is unknown, runs are not cut: evidence is then weighted by the
-    explained share of the residual, which differs in a part of the runs.
+    and are searched for further effects.
     """
     lengths = sorted(len(run.time) for run in data.runs)
-    if sum(lengths) < LONG_RUNS or not data.noise.known:
-        return None
     cut, left = 0, SAMPLES_SEARCHED
     for count, length in zip(range(len(lengths), 0, -1), lengths, strict=True):
         cut = max(1, left // count)
