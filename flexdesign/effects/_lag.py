@@ -8,7 +8,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core.model import Block, Parameter, Socket
 from flexdesign.core.model.effect import Floats, Values
+
+
+def bandwidth(meaning: str) -> Parameter:
+    """Return the parameter of a lag, its -3 dB frequency; infinite without a lag."""
+    screen = (30.0, 60.0, 120.0, 250.0, 500.0, 1000.0, 2000.0)
+    return Parameter("bandwidth", "Hz", "Hz", meaning, math.inf, 1e3, (1.0, 1e6), "inverse", screen=screen)
+
+
+def first_order(socket: Socket, state: str) -> Block:
+    """Return the block of a lag, whose state is its output."""
+    return Block(socket, mode="replace", states=(state,), constants=constants, move=move, transfer=transfer)
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:
@@ -31,7 +43,7 @@ def to(rate: float, step: float, until: float) -> tuple[float, float, float, flo
 
 
 def moments(x: float) -> tuple[float, float, float]:
-    """Return what 1, s and s^2 leave at s = 1 of a lag that is passed from s = 0 on, with x the time over its own.
+    """Return the responses of a lag at s = 1 to the inputs 1, s and s^2 from s = 0 on, x the time over its own.
 
     They are the integrals of x exp(-x (1 - s)) s^j: by parts, or where that cancels, as the sum of
     (-1)^k j! / (j + k + 1)! x^(k + 1).

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model import PIEZO, Effect, Socket
 from flexdesign.effects import _lag
 
 EFFECT = Effect(
@@ -19,29 +17,8 @@ EFFECT = Effect(
         "motor": "a faster current loop, or a model of the lag in the feedforward",
     },
     reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems (2014)",
-    parameters=(
-        Parameter(
-            "bandwidth",
-            "Hz",
-            "Hz",
-            "-3 dB frequency of the loaded amplifier",
-            math.inf,
-            1e3,
-            (1.0, 1e6),
-            "inverse",
-            screen=(30.0, 60.0, 120.0, 250.0, 500.0, 1000.0, 2000.0),
-        ),
-    ),
-    faces=(
-        Block(
-            Socket.DRIVER,
-            mode="replace",
-            states=("v",),
-            constants=_lag.constants,
-            move=_lag.move,
-            transfer=_lag.transfer,
-        ),
-    ),
+    parameters=(_lag.bandwidth("-3 dB frequency of the loaded amplifier"),),
+    faces=(_lag.first_order(Socket.DRIVER, "v"),),
     confused_with=("transport_delay", "sensor_bandwidth"),
     is_linear=True,
 )
