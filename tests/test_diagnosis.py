@@ -583,6 +583,12 @@ def test_why_possible_effects_are_not_named_is_said() -> None:
     assert f"creep (50 %). It is not named, as {found.refusal}. To fit it" in diagnosis_text.possible(found)
     found = judged(about, first, fit(about, 0.01 * MUCH, 0.01 * MUCH, [creep(about)]), is_better_smooth=True)
     assert found.refusal == "smooth functions or a linear system explain as much in the place of effects"
+    # Of two effects the reason is that against the first, which explains most.
+    levels = [
+        fit(about, share * MUCH, share * MUCH, [creep(about), effect(about, "mains_hum")][:k])
+        for k, share in enumerate((1, 0.01, 0.009))
+    ]
+    assert concluded(about, course_of(*levels), is_better_smooth=True).refusal == found.refusal
     # One that explains nothing of what the model is chosen by is none.
     found = judged(about, first, fit(about, 0.5 * MUCH, 2.0 * MUCH, [creep(about)]))
     assert (found.verdict, dict(found.possible_effects)) == ("unknown", {})

@@ -236,13 +236,31 @@ def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: F
 
 
 def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
-    """Tell whether smooth functions explain more in place of the effects of a fit.
+    """Tell whether smooth functions explain more in place of the effects of a fit, which they make needless.
 
-    The functions are those that explain most of its residual.
+    The functions are those that explain most of the residual of the fit. A bench may lack an effect and more besides:
+    the functions then explain what it lacks besides, and imitate the effect. So the effects are needed next to the
+    functions on two conditions. Their unique contribution to the fall of chi^2 is larger for each parameter than that
+    of the functions (commonality analysis: Newton and Spurrell 1967, Appl. Stat. 16, 51-64). And their strengths keep
+    their signs: what imitates the functions has nothing left, or the opposite, once they are there.
     """
     terms = smooth_residual_model(data, task, fit).terms
     if not terms:
         return False
-    alone = cost_of_terms(task, base, basis_functions_of(data, base), terms)
     samples = base.solution.problem.dataset.samples
-    return alone - samples < BETTER * (fit.fitted_chi2 - samples)
+    alone, _ = cost_of_terms(task, base, basis_functions_of(data, base), terms)
+    if alone - samples >= BETTER * (fit.fitted_chi2 - samples):
+        return False
+    together, step = cost_of_terms(task, fit, basis_functions_of(data, fit), terms)
+    of_effects = (alone - together) / sum(len(effect.free) for effect in fit.effects)
+    of_functions = (fit.fitted_chi2 - together) / len(terms)
+    return of_effects < of_functions or not all(_keeps_sign(fit, effect.strength, step) for effect in fit.effects)
+
+
+def _keeps_sign(fit: FittedModel, name: str, step: Array) -> bool:
+    """Tell whether a strength keeps its sign after a step of the coordinates, linearised."""
+    where = fit.solution.problem.where
+    j = where.names.index(name)
+    # The derivative of a logarithm is the relative change.
+    change = step[j] if where.parameters[j].scale == "log" else step[j] / (fit.solution.x[j] or 1.0)
+    return bool(1 + change > 0)

@@ -62,7 +62,7 @@ def decide(
         return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
-    refusal = ""
+    refusal = reason = ""
     for named in range(len(every) - 1, 0, -1):
         fit = every[named]
         if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
@@ -76,7 +76,7 @@ def decide(
         else:
             return "effects-found", fit, refusal
         refusal = refusal or reason  # that of the last fit
-    return "unknown", history.calibration, refusal
+    return "unknown", history.calibration, reason  # of the first effects, which explain most
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

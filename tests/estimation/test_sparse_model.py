@@ -130,7 +130,12 @@ def test_the_cost_of_terms_is_that_of_a_linear_fit_with_them() -> None:
     for terms in (["position^2"], ["position^2", "position^3"], ["nothing"]):
         added = np.vstack([np.column_stack([f[name] for name in terms]) / SIGMA for f in made_of])
         expected = least(np.column_stack([before, added]), right)
-        assert cost_of_terms(task, found, features, terms) == pytest.approx(expected, rel=1e-3, abs=SMALL_REDUCTION)
+        cost, step = cost_of_terms(task, found, features, terms)
+        best = np.linalg.lstsq(np.column_stack([before, added]), right)[0]
+        solution = found.solution
+        gain = solution.x[solution.problem.where.names.index("gain")] + step[solution.problem.where.names.index("gain")]
+        assert gain == pytest.approx(best[len(observed)], rel=1e-3)
+        assert cost == pytest.approx(expected, rel=1e-3, abs=SMALL_REDUCTION)
 
 
 def test_nothing_is_found_in_noise() -> None:

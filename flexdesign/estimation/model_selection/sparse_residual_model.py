@@ -73,29 +73,46 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     )
 
 
-def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
-    """Return chi^2 of the fitted runs with smooth functions (the `terms` of them) in place of effects.
+def cost_of_terms(
+    task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]
+) -> tuple[float, Array]:
+    """Return chi^2 of the fitted runs with smooth functions next to the model of a fit, and the step of its parameters.
 
-    The free parameters of the fit, which has no effects, are fitted with them along their Jacobian.
+    The free parameters of the fit, with those of its effects, are fitted with the functions along their Jacobian.
+
+    Parameters
+    ----------
+    task, fit
+        What is fitted, and the fit.
+    features
+        The smooth functions.
+    terms
+        Names of those that are fitted.
     """
-    dataset = fit.solution.problem.dataset
+    dataset, solution = fit.solution.problem.dataset, fit.solution
     names, functions = _columns(dataset, fit, features)
     parts = list[Array]()
-    for part in fit.solution.jacobian:
-        whole = np.zeros((len(part.matrix), len(fit.solution.x)))
+    for part in solution.jacobian:
+        whole = np.zeros((len(part.matrix), len(solution.x)))
         whole[:, part.places] = part.matrix
         parts.append(whole)
-    residual = np.concatenate(fit.solution.residuals)
+    residual = np.concatenate(solution.residuals)
     columns = np.hstack([np.vstack(parts), np.vstack(functions)[:, [name in terms for name in names]]])
-    rest = without_columns(residual, columns)
-    return float(rest @ rest)
+    weights = _least_squares(residual, columns)
+    rest = residual - columns @ weights
+    return float(rest @ rest), -weights[: len(solution.x)]
 
 
 def without_columns(values: Array, columns: Array) -> Array:
     """Return n values less their least-squares fit by k columns (n by k)."""
+    return np.asarray(values - columns @ _least_squares(values, columns))
+
+
+def _least_squares(values: Array, columns: Array) -> Array:
+    """Return the k weights of columns of any size, n by k, that fit n values best."""
     lengths = np.linalg.norm(columns, axis=0)
-    unit = columns / np.where(lengths > 0, lengths, 1.0)
-    return np.asarray(values - unit @ np.linalg.lstsq(unit, values, rcond=1e-10)[0])
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    return np.asarray(np.linalg.lstsq(columns / lengths, values, rcond=1e-10)[0] / lengths)
 
 
 def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tuple[list[str], list[Array]]:
