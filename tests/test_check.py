@@ -168,6 +168,23 @@ def test_a_response_that_does_not_follow() -> None:
     assert "x hardly follows u: their coherence is 0." in said(run("a", one.command(), other_noise), other)
 
 
+def test_a_response_follows_a_slow_ramp_that_a_converter_writes_in_steps() -> None:
+    """Within a stretch of it there is little but the steps, and the noise of the reading."""
+    ramp = np.round(np.linspace(0.0, 0.05, N) / 5e-4) * 5e-4
+    noisy = -2e-6 * ramp + 4e-9 * np.random.default_rng(6).normal(size=N)
+    assert "hardly follows" not in said(run("a", ramp, noisy), clean()[1])
+
+
+def test_what_is_alike_in_several_recordings_is_said_once() -> None:
+    others = [
+        run(name, multisine(k), reading(np.random.default_rng(k).normal(size=N), k)) for k, name in enumerate("pqr")
+    ]
+    found = fd.check([*clean(), *others])
+    assert sum("hardly follows" in each.what for each in found.suspicions) == 3
+    text = str(found)
+    assert text.count("hardly follows") == 1 and "p and 2 others alike: x hardly follows u" in text
+
+
 def test_filtered_noise() -> None:
     runs = [
         replace(each, columns={"u": each.command(), "x": each.measured() - reading(each.command(), noise=0) + 0})

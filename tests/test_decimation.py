@@ -143,6 +143,21 @@ def test_check_says_how_many_samples_would_do_and_then_nothing(folder: Path) -> 
     assert not [each for each in found.suspicions if "decimate" in each.remedy or "low-pass" in each.what]
 
 
+def test_a_short_piece_of_a_slow_run_has_no_say() -> None:
+    """As what is left of a record behind its last gap; its spectral lines are wider than the band of the motion."""
+    rng = np.random.default_rng(2)
+    time = np.arange(20_000) * 1e-3
+    u = np.sin(2 * np.pi * time)
+    x = 1e-6 * u + 1e-9 * rng.standard_normal(len(time))
+    runs = [
+        Run(name, time[rows], {"u": u[rows], "x": x[rows]}, {"u": "V", "x": "m"})
+        for name, rows in (("long", slice(None)), ("short", slice(600)))
+    ]
+    alone, both = (oversampling_of(runs[:count], "x", 1e-9) for count in (1, 2))
+    assert alone is not None and both is not None
+    assert alone.remedy.partition(":")[0] == both.remedy.partition(":")[0]
+
+
 def test_a_response_that_follows_up_to_the_nyquist_frequency_is_not_oversampled() -> None:
     u = np.random.default_rng(0).standard_normal(20_000)
     run = Run("a", np.arange(20_000) * 1e-4, {"u": u, "x": 1e-6 * u}, {"u": "V", "x": "m"})

@@ -409,6 +409,20 @@ def test_a_response_per_something_else_than_a_volt_asks_for_its_unit_and_scale(
     assert response.response[0] == pytest.approx(-1e-5j)  # 10 um/V at -90 deg
 
 
+@pytest.mark.parametrize(
+    ("begin", "end"), [("[", "]"), ("data =[", "];"), ("data=[ ...\n", "\n];\n"), ("d = [", ";\n];")]
+)
+def test_a_matrix_as_in_matlab_is_read(begin: str, end: str, tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """As teaching rigs export their recordings."""
+    table = ";\n".join(f"  {k:5d}  {t:.6f}  {u:.9g}  {x:.9g}" for k, (t, u, x) in enumerate(zip(T, U, X, strict=True)))
+    head = " Sample   Time (s)   Command (V)   Encoder 1 Pos (um)\n\n"
+    (tmp_path / "raw.txt").write_text(f"{head}{begin}{table}{end}\n")
+    ended = command_line("import", "raw.txt", "-o", "out")
+    assert ended.code == 0, ended.stderr
+    (run,) = fd.read_recordings(tmp_path / "out")
+    assert run.command() == pytest.approx(U, rel=1e-8) and run.measured() == pytest.approx(1e-6 * X, rel=1e-8)
+
+
 def test_a_sampling_time_in_a_column_of_the_table_is_read(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     """As in the CSV file of the cascaded tanks: a column with one number, and a comma after each row."""
     table = tmp_path / "tanks.csv"
@@ -458,7 +472,7 @@ def test_runs_of_a_map_for_some_files(tmp_path: Path, command_line: Callable[...
     text = (tmp_path / "map.toml").read_text()
     (tmp_path / "map.toml").write_text(text.replace("per_file = true\n", ""))
     ended = command_line("import", "a_1.csv", "--map", "map.toml", "-o", "c")
-    assert "run.files: chooses files of many that are read by themselves: per_file = true" in ended.stderr
+    assert "run.files: chooses files of those that each make runs of their own: write per_file = true" in ended.stderr
 
 
 # --- What is asked

@@ -205,7 +205,11 @@ def _of_outliers(name: str, run: Run, response: str) -> list[Suspicion]:
 
 
 def coherence(command: Array, response: Array) -> float | None:
-    """Return how much of a response follows its command linearly, in the band in which the command has its power."""
+    """Return how much of a response follows its command linearly, in the band in which the command has its power.
+
+    Or over the whole record, if that is more: of a slow ramp each stretch is little but the steps of a converter, while
+    the response follows the ramp. Then it is the square of their correlation.
+    """
     from scipy.signal import coherence as spectrum
     from scipy.signal import welch
 
@@ -220,7 +224,8 @@ def coherence(command: Array, response: Array) -> float | None:
     _, agrees = spectrum(command, filled, nperseg=length, detrend="linear")
     usable = np.isfinite(agrees)
     weight = np.where(usable, power, 0.0)
-    return float((weight @ np.nan_to_num(agrees)) / weight.sum()) if weight.sum() > 0 else None
+    correlation = float(np.corrcoef(command, filled)[0, 1])
+    return max(float((weight @ np.nan_to_num(agrees)) / weight.sum()), correlation**2) if weight.sum() > 0 else None
 
 
 def of_noise(response: str, noise: NoiseFloor) -> list[Suspicion]:

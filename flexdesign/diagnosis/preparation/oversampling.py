@@ -24,6 +24,8 @@ FEWEST_PER_PERIOD = 8
 #: Number of segments of a run, with an overlap of one half; and the probability that unrelated signals seem coherent at
 #: one frequency.
 SEGMENTS, CHANCE = 8, 1e-3
+#: A run is short if the longest has more than this many times its samples.
+SHORT = 10
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,12 @@ def oversampling_of(runs: Sequence[Run], axis: str, negligible: float) -> Oversa
 
 
 def decimation_factor(runs: Sequence[Run], axis: str, negligible: float) -> int:
-    """Return the common decimation factor of runs; 1 if they are not oversampled; see `oversampling_of`."""
-    factors = [_factor(run, axis, negligible) for run in runs]
+    """Return the common decimation factor of runs; 1 if they are not oversampled; see `oversampling_of`.
+
+    A short run among longer ones has no say: all motion in it seems as fast as the width of its spectral lines.
+    """
+    longest = max((len(run.time) for run in runs), default=0)
+    factors = [_factor(run, axis, negligible) for run in runs if SHORT * len(run.time) >= longest]
     return min((factor for factor in factors if factor), default=1)
 
 

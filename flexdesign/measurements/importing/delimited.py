@@ -24,6 +24,9 @@ SAMPLE = 20
 #: More different words in a column are not the names of channels.
 MOST_CHANNELS = 20
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
+#: The signs before and behind the numbers of a matrix as in MATLAB.
+_MATRIX_BEGINS = re.compile(r"\s*([A-Za-z]\w*\s*=\s*)?\[(?=\s*([-+.\d]|\.\.\.|$))")
+_MATRIX_ENDS = re.compile(r"\]\s*;?\s*$")
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
         If there are no rows of numbers, rows differ in length, or there are several tables and none is chosen.
     """
     lines = [line.rstrip("\r") for line in _decode(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
-    content = _unquoted([line for line in lines if line.strip()])
+    content = _without_brackets(_unquoted([line for line in lines if line.strip()]))
     numbered = np.array(
         [k for k, line in enumerate(lines, start=1 + (dialect.skip or 0)) if line.strip()], dtype=np.intp
     )
@@ -235,6 +238,20 @@ def _unquoted(lines: Sequence[str]) -> list[str]:
     bare = [line.strip() for line in lines]
     is_one_column = all(len(line) > 1 and line[0] == line[-1] == '"' and line.count('"') == 2 for line in bare)
     return [line[1:-1] for line in bare] if is_one_column else list(lines)
+
+
+def _without_brackets(lines: Sequence[str]) -> list[str]:
+    """Return the lines of a table without the signs about a matrix as in MATLAB: ``data = [1 2;``, ..., ``3 4];``.
+
+    The rows of such a table end in semicolons, but for the last one, and perhaps by themselves.
+    """
+    first = next((k for k, line in enumerate(lines) if _MATRIX_BEGINS.match(line)), None)
+    last = next((k for k in range(len(lines) - 1, -1, -1) if _MATRIX_ENDS.search(lines[k])), None)
+    if first is None or last is None or last <= first:
+        return list(lines)
+    rows = [_MATRIX_BEGINS.sub("", lines[first]), *lines[first + 1 : last], _MATRIX_ENDS.sub("", lines[last])]
+    rows = [row.strip().removesuffix("...").rstrip().removesuffix(";") for row in rows]
+    return [*lines[:first], *(row for row in rows if row)]
 
 
 def _separator(lines: Sequence[str]) -> str:

@@ -271,7 +271,8 @@ def parse_map(content: Mapping[str, Any], path: Path) -> Map:
         runs.append((run, _columns(each.get("columns"), path, f"run {number}.columns")))
     names = [run.name for run, _ in runs]
     if any(run.files for run, _ in runs) and not table.per_file:
-        raise InputError(path, "run.files", None, "chooses files of many that are read by themselves: per_file = true")
+        remedy = "chooses files of those that each make runs of their own: write per_file = true above [[run]], or"
+        raise InputError(path, "run.files", None, f"{remedy} remove this line")
     for number, (run, _) in enumerate(runs, start=1):
         name = run.name
         if name in names[: number - 1] and not run.files:

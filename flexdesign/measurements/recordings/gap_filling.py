@@ -14,8 +14,8 @@ from flexdesign.measurements.recordings.time_base import fit_grid
 
 #: A gap of this number of samples is bridged for any command.
 SHORT = 3
-#: A command stands still if it varies by no more than this share of its range: one that was recorded has noise.
-STILL = 0.01
+#: A command goes straight if it varies about a line by no more than this share of its range: a recorded one has noise.
+STRAIGHT = 0.01
 
 
 def fill_gaps(
@@ -23,8 +23,9 @@ def fill_gaps(
 ) -> tuple[dict[str, Array], list[str]]:
     """Return columns whose commands have no gap, and remarks.
 
-    A gap is bridged as the command goes between its samples. It may be `SHORT`; or as long as the command stands still
-    at one value before and after it, each time in as many samples: then it most likely stood still in between.
+    A `SHORT` gap is bridged as the command goes between its samples. A longer one is bridged straight, if the command
+    stands still or goes along one straight line before and after it, each time in as many samples: then it most likely
+    did so in between.
 
     Raises
     ------
@@ -39,17 +40,17 @@ def fill_gaps(
             continue
         spans = gaps(missing)
         for first, last in spans:
-            if last - first > SHORT and not _stands(values, int(first), int(last)):
+            if last - first > SHORT and not _goes_straight(values, int(first), int(last)):
                 row = int(np.searchsorted(sheet.moments(), time[first] - 1e-9))
                 lasts = f"is missing from {time[first]:.6g} s to {time[last - 1]:.6g} s, {last - first} samples"
                 remedy = f"{lasts}, in which it may have done anything; split the recording there"
                 raise sheet.cell_error(min(row, len(sheet.lines) - 1), name, None, remedy)
         known = np.flatnonzero(~missing)
+        whole[name] = np.interp(np.arange(len(values)), known, values[known])
         if between == "hold":
-            filled = values[known[np.searchsorted(known, np.arange(len(values)), side="right") - 1]]
-        else:
-            filled = np.interp(np.arange(len(values)), known, values[known])
-        whole[name] = filled
+            for first, last in spans:
+                if last - first <= SHORT:  # along a longer gap a held command goes straight from level to level
+                    whole[name][first:last] = values[known[np.searchsorted(known, first) - 1]]
         count = int(missing.sum())
         samples = f"{count} sample{'s' if count > 1 else ''}, the first at {time[spans[0, 0]]:.6g} s"
         remarks.append(f"{name} is missing in {samples}; bridged")
@@ -61,13 +62,16 @@ def gaps(missing: Flags) -> Places:
     return np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(int))).reshape(-1, 2)
 
 
-def _stands(values: Array, first: int, last: int) -> bool:
-    """Tell whether a command never moves, or stands for as many samples as a gap has before and after it."""
+def _goes_straight(values: Array, first: int, last: int) -> bool:
+    """Tell whether a command never moves, or keeps to one line for as many samples as a gap has before and after it."""
     count, span = last - first, float(np.nanmax(values) - np.nanmin(values))
-    before, after = (part[np.isfinite(part)] for part in (values[:first], values[last:]))
+    known = np.flatnonzero(np.isfinite(values))
+    before, after = known[known < first][-count:], known[known >= last][:count]
     if span > 0 and min(len(before), len(after)) < count:
         return False
-    return float(np.ptp(np.concatenate([before[-count:], after[:count]]))) <= STILL * span
+    about = np.concatenate([before, after])
+    line = np.polynomial.Polynomial.fit(about, values[about], 1)(about) if span > 0 else values[about]
+    return float(np.ptp(values[about] - line)) <= STRAIGHT * span
 
 
 def recordings_apart(time: Array, commands: Sequence[Array]) -> list[slice]:
@@ -94,8 +98,8 @@ def recordings_apart(time: Array, commands: Sequence[Array]) -> list[slice]:
     ends = [0]
     for row in (np.flatnonzero(missing > SHORT) + 1).tolist():
         count = int(missing[row - 1])
-        # The gap takes up no rows; as many as are missing before and after it are to stand still.
+        # The gap takes up no rows; as many as are missing before and after it are to go straight.
         padded = (np.insert(values, row, np.full(min(count, len(values)), np.nan)) for values in commands)
-        if not all(_stands(values, row, row + min(count, len(time))) for values in padded):
+        if not all(_goes_straight(values, row, row + min(count, len(time))) for values in padded):
             ends.append(row)
     return [slice(first, last) for first, last in pairwise([*ends, len(time)])]

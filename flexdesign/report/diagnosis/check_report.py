@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -11,6 +13,7 @@ from flexdesign.core import units, versions
 from flexdesign.core.serialise import header
 from flexdesign.diagnosis.check import Channel, Check, Coverage, Recorded
 from flexdesign.diagnosis.check.coverage import KIND_TEXTS
+from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.measurements.recordings import Run
 from flexdesign.report import charts
 from flexdesign.report.comparison_text import axis_unit
@@ -19,6 +22,8 @@ from flexdesign.report.traces import thin_out
 
 #: Most recordings that are drawn, and panels side by side.
 PANELS, COLUMNS = 12, 2
+#: What may differ between suspicions of one kind.
+NUMBER = re.compile(r"[\d.]+(e[+-]?\d+)?")
 #: SI units of responses, which are written with the prefix that suits their range.
 RESPONSES = ("m", "rad", "m/V", "rad/V")
 #: Kinds of experiment whose names say more than a record shows: a slow sine turns, too.
@@ -67,7 +72,7 @@ def _channel(channel: Channel) -> str:
 def document(check: Check) -> Document:
     """Return the whole report."""
     summary = [_headline(check)]
-    summary += [_sentence(each.recording, each.what, each.remedy) for each in check.suspicions]
+    summary += _sentences(check.suspicions)
     summary += _coverage(check)
     return Document("Check of recordings", summary, partial(_sections, check))
 
@@ -139,6 +144,18 @@ def _headline(check: Check) -> str:
     sentences = f"{count} recording{'s' if count > 1 else ''}, {suspicious}."
     noise = "; ".join(f"{axis}: {source}" for axis, source in check.noise.items())
     return f"{sentences} Noise of {noise}." if noise else sentences
+
+
+def _sentences(suspicions: Sequence[Suspicion]) -> list[str]:
+    """Return a sentence for each suspicion; of those that differ in recording and numbers alone, one for the first."""
+    alike: dict[tuple[bool, str, str], list[Suspicion]] = {}
+    for each in suspicions:
+        alike.setdefault((bool(each.recording), NUMBER.sub("", each.what), each.remedy), []).append(each)
+    sentences = []
+    for first, *others in alike.values():
+        more = f" and {len(others)} other{'s' if len(others) > 1 else ''} alike" if others else ""
+        sentences.append(_sentence(f"{first.recording}{more}" if first.recording else "", first.what, first.remedy))
+    return sentences
 
 
 def _sentence(recording: str, what: str, remedy: str) -> str:
