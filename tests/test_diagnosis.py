@@ -575,6 +575,15 @@ def test_an_interval_of_all_that_is_plausible_is_none() -> None:
         assert said.startswith("damping_ratio 0.02") and said.endswith(text)
 
 
+@pytest.mark.parametrize(("share", "is_overstated"), [(0.2, True), (0.3, False)])
+def test_a_residual_far_below_the_noise_tells_that_it_is_overstated(share: float, is_overstated: bool) -> None:
+    """As of repeats of a command by two different loops; less than half of the noise in rms, without test runs."""
+    about = data()
+    first = fit(about, share, share)
+    assert not about.observed("test") and about.observed("validate")
+    assert ("noise, which is overstated" in judged(about, first, first).confidence) is is_overstated
+
+
 def test_why_possible_effects_are_not_named_is_said() -> None:
     about = data()
     first = fit(about, MUCH, MUCH)

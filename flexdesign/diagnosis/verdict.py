@@ -186,10 +186,11 @@ def _confidence(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "
             "how much of the residual is noise"
         )
-    if data.noise.known and data.observed("test") and OVERSTATED * data.test_error(calibration) < data.noise_rms:
+    is_kept = data.observed("test") or data.observed("validate")
+    if data.noise.known and is_kept and OVERSTATED * data.test_error(calibration) < data.noise_rms:
         remarks.append(
-            "the residual is far below the noise, which is overstated: the stretches that it was read from hold "
-            "motion, or the stated one is too large; smaller effects are not seen"
+            "the residual is far below the noise, which is overstated: the stretches or repeats that it was read from "
+            "hold motion, or the stated one is too large; smaller effects are not seen"
         )
     if history.is_refused:
         remarks.append(
