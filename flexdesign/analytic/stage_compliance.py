@@ -158,10 +158,8 @@ class StageCompliance:
         loads[:, count:] = table.T
         for column, built in enumerate(driven):
             loads[built.places, column] = built.parting.T @ built.split.stiffness @ built.whole[:6, 6]
-        stiffness, left = (
-            self._joints.assemble([built.split.stiffness for built in self._elements]),
-            self._free_motions(),
-        )
+        stiffness = self._joints.assemble([built.split.stiffness for built in self._elements])
+        left = self._free_motions()
         if left is None:
             displacements = _solve(stiffness, loads)
         else:

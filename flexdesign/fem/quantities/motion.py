@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Quantity
 from flexdesign.design.part import in_file
 from flexdesign.design.study import Study
-from flexdesign.fem.quantities.port_stiffness import output_rows
 from flexdesign.fem.solving import rigid_motion
 from flexdesign.fem.solving.rigid_motion import RigidMotion
 from flexdesign.fem.solving.statics import PortCompliance
@@ -88,7 +87,7 @@ def rotation_centres(study: Study, c: PortCompliance) -> list[Quantity]:
         motion, drive = _drive(study, c, np.zeros(3))
         motions = {f"{drive}, actuator on axis": motion}
     else:
-        moments = np.eye(len(c.output))[output_rows(c)][3:]
+        moments = np.eye(len(c.output))[c.output_rows][3:]
         motions = {f"moment about {axis}": rigid_motion.of_output(c, m) for axis, m in zip("xyz", moments, strict=True)}
     part = study.design.part()
     output = next(port for port in part.ports() if port.role == "output")

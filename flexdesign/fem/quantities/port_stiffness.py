@@ -24,16 +24,9 @@ KINDS = {(False, True): "axial", (False, False): "shear", (True, True): "torsion
 HELD, FREE = "other motions held", "other motions free"
 
 
-def output_rows(c: PortCompliance) -> slice:
-    """Return the rows of the output port."""
-    first = 6 * (int(np.flatnonzero(c.output)[0]) // 6)
-    return slice(first, first + 6)
-
-
 def matrices(c: PortCompliance) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and compliance of the output port, shapes (6, 6), SI."""
-    rows = output_rows(c)
-    compliance = c.matrix[rows, rows]
+    compliance = c.matrix[c.output_rows, c.output_rows]
     scale = 1 / np.sqrt(np.diag(compliance))  # metres and radians side by side
     stiffness = np.linalg.inv(compliance * np.outer(scale, scale)) * np.outer(scale, scale)
     return (stiffness + stiffness.T) / 2, compliance

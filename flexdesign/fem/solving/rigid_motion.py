@@ -80,6 +80,5 @@ def off_axis_loads(extension: FloatArray, offset: FloatArray) -> FloatArray:
 
 def of_output(compliance: PortCompliance, loads: FloatArray) -> RigidMotion:
     """Return the motion of the output, at its port's point, under loads over the rows of the compliance."""
-    first = 6 * (int(np.flatnonzero(compliance.output)[0]) // 6)
-    motion = (compliance.matrix @ loads)[first : first + 6]
+    motion = (compliance.matrix @ loads)[compliance.output_rows]
     return RigidMotion(motion[:3], motion[3:])

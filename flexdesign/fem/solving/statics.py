@@ -47,6 +47,12 @@ class PortCompliance:
     output: FloatArray
 
     @property
+    def output_rows(self) -> slice:
+        """The six rows of the output port."""
+        first = 6 * (int(np.flatnonzero(self.output)[0]) // 6)
+        return slice(first, first + 6)
+
+    @property
     def has_input(self) -> bool:
         """Whether there are inputs, which an actuator can part."""
         return bool(np.any(self.extension))
