@@ -61,8 +61,8 @@ def _arm(body: Body, drawing: Drawing) -> Member | None:
     (one, start, _), (two, end, _) = ends
     length = math.dist(start, end)
     thickness = polygons.area_moments(body.corners)[0] / length if length > 0 else math.inf
-    between = [start + share * (end - start) for share in np.linspace(0, 1, STEPS + 2)[1:-1]]
-    if thickness >= length or not all(polygons.contains(body.corners, point) for point in between):
+    between = start + np.linspace(0, 1, STEPS + 2)[1:-1, None] * (end - start)
+    if thickness >= length or not polygons.contains(body.corners, between).all():
         return None
     names = (f"{body.name}:{one.name}", f"{body.name}:{two.name}")
     return Member(body.name, "arm", names, _space(start), _space(end), thickness, drawing.thickness)

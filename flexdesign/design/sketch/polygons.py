@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from flexdesign.core.arrays import Array
+from flexdesign.core.arrays import Array, Flags
 
 #: Lengths below this are none [m]; the CAD kernel takes points nearer than 1e-7 mm as one.
 TOLERANCE = 1e-9
@@ -44,25 +44,25 @@ def sides(corners: Array) -> Array:
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
-def on_boundary(corners: Array, point: Array) -> bool:
-    """Tell whether a point lies on a side."""
-    ends = sides(corners)
-    way = ends[:, 1] - ends[:, 0]
-    share = ((point - ends[:, 0]) * way).sum(axis=1) / (way * way).sum(axis=1)
-    feet = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * way
-    return bool((np.linalg.norm(feet - point, axis=1) < 10 * TOLERANCE).any())
+def on_boundary(corners: Array, points: Array) -> Flags:
+    """Tell of points, shape (..., 2) [m], whether they lie on a side."""
+    start, way = corners, np.roll(corners, -1, axis=0) - corners
+    away = points[..., None, :] - start
+    share = np.clip((away * way).sum(axis=-1) / (way * way).sum(axis=-1), 0.0, 1.0)
+    return np.asarray((np.linalg.norm(away - share[..., None] * way, axis=-1) < 10 * TOLERANCE).any(axis=-1))
 
 
-def contains(corners: Array, point: Array) -> bool:
-    """Tell whether a point lies within the boundary, not on it."""
-    if on_boundary(corners, point):
-        return False
-    ends = sides(corners)
-    (ax, ay), (bx, by) = ends[:, 0].T, ends[:, 1].T
-    spans = (ay > point[1]) != (by > point[1])
+def contains(corners: Array, points: Array) -> Flags:
+    """Tell of points, shape (..., 2) [m], whether they lie within the boundary, not on it.
+
+    A ray to the right crosses the boundary an odd number of times (even-odd rule).
+    """
+    (ax, ay), (bx, by) = corners.T, np.roll(corners, -1, axis=0).T
+    x, y = points[..., :1], points[..., 1:]
+    spans = (ay > y) != (by > y)
     with np.errstate(divide="ignore", invalid="ignore"):
-        right = point[0] < ax + (point[1] - ay) / (by - ay) * (bx - ax)
-    return bool((spans & right).sum() % 2)
+        right = x < ax + (y - ay) / (by - ay) * (bx - ax)
+    return np.asarray(((spans & right).sum(axis=-1) % 2 == 1) & ~on_boundary(corners, points))
 
 
 def crosses_itself(corners: Array) -> bool:
@@ -78,7 +78,7 @@ def overlap(one: Array, two: Array) -> bool:
     first, second = sides(one), sides(two)
     if _crossing(first, second):
         return True
-    return any(contains(two, p) for p in _witnesses(one)) or any(contains(one, p) for p in _witnesses(two))
+    return bool(contains(two, _witnesses(one)).any() or contains(one, _witnesses(two)).any())
 
 
 def touch(one: Array, two: Array) -> bool:
@@ -129,8 +129,9 @@ def _witnesses(corners: Array) -> Array:
     middles = ends.mean(axis=1)
     way = ends[:, 1] - ends[:, 0]
     normals = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1)[:, None]
-    near = [m + sign * 100 * TOLERANCE * n for m, n in zip(middles, normals, strict=True) for sign in (1, -1)]
-    return np.array([p for p in (*corners, *middles, *near) if on_boundary(corners, p) or contains(corners, p)])
+    near = 100 * TOLERANCE * normals
+    points = np.concatenate([corners, middles, middles + near, middles - near])
+    return np.asarray(points[on_boundary(corners, points) | contains(corners, points)])
 
 
 def _crossing(first: Array, second: Array) -> bool:
