@@ -566,6 +566,19 @@ def test_a_file_with_gaps_in_its_command_is_several_recordings(tmp_path: Path) -
     assert "2 recordings; 1 of fewer than 10 samples left out" in " ".join(found[0].remarks)
 
 
+def test_parts_of_a_recording_sort_as_they_were_recorded(tmp_path: Path) -> None:
+    taken = np.concatenate([np.arange(100 * k, 100 * k + 50) for k in range(12)])
+    t, u = taken / RATE, np.sin(0.3 * taken)
+    lines = [f"{a:.6f},{b:.9f},{2 * b:.9f}" for a, b in zip(t, u, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["t [s],u [V],x [um]", *lines]) + "\n")
+    text = "[[run]]\n" + "".join(f'[run.columns.{c}]\nvariable = "{c}"\n' for c in "tux")
+    (tmp_path / "map.toml").write_text(text)
+    importing.bring_in([tmp_path / "log.csv"], tmp_path / "map.toml", tmp_path / "out")
+    found = read_runs([tmp_path / "out"])
+    assert len(found) == 12
+    assert np.concatenate([run.command() for run in found]) == pytest.approx(u, abs=1e-8)
+
+
 def test_counts_are_no_unit_but_have_a_size(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t [s],u [V],theta\n" + "".join(f"{0.01 * k},1,{k}\n" for k in range(20)))
     columns = '[run.columns.t]\nvariable = "t"\n[run.columns.u]\nvariable = "u"\n'

@@ -265,7 +265,7 @@ def _in_time(recording: Recording, commands: Sequence[Array]) -> list[Recording]
     for number, each in enumerate(rows, start=1):
         cells = {cell: values[each] for cell, values in recording.recorded.items()}
         samples = np.arange(each.start, each.stop)
-        name = f"{recording.name}_{number}"
+        name = f"{recording.name}_{number:0{len(str(len(rows)))}d}"  # names sort as the parts were recorded
         part = replace(recording, name=name, recorded=cells, time=time[each], samples=samples)
         parts.append(_from_first_sample(part))
     said = f"{recording.name} has gaps in which its command is unknown: {len(rows)} recordings"
