@@ -166,6 +166,13 @@ def test_paths_exist(page: Path) -> None:
             assert (ROOT / path).exists() or (ROOT / "flexdesign" / path).exists(), path
 
 
+@pytest.mark.parametrize("folder", ["flexdesign", "geometry", "studies"])
+def test_pages_that_code_names_exist(folder: str) -> None:
+    files = [file for ending in ("py", "toml") for file in (ROOT / folder).rglob(f"*.{ending}")]
+    named = {page for file in files for page in re.findall(r"docs/[\w/]+\.md", file.read_text(encoding="utf-8"))}
+    assert [page for page in sorted(named) if not (ROOT / page).is_file()] == []
+
+
 def test_the_glossary_is_a_glossary() -> None:
     """Each line has a term, a definition, and where it is in the code, as a path that `test_paths_exist` looks up."""
     text = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8").partition("## Old names")[0]

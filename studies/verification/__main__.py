@@ -13,6 +13,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.report import render
 from studies.verification import beams, elements, hinges, large, nafems, report
 from studies.verification.finding import Finding, failures
+from studies.verification.published_guide import published_guide
 
 Problem = Callable[[], list[Finding]]
 
@@ -27,7 +28,7 @@ PROBLEMS: Mapping[str, tuple[Problem, ...]] = {
     "Benchmarks": (nafems.elliptic_membrane, nafems.thick_plate, nafems.tapered_membrane),
     "Cantilevers": (beams.cantilevers,),
     "Hinges": (hinges.circular_hinge, hinges.own_mesh, hinges.leaf_hinge),
-    "Large displacements": (large.bent_cantilever, large.parasitic_motion),
+    "Large displacements": (large.bent_cantilever, large.parasitic_motion, published_guide),
 }
 
 

@@ -16,6 +16,7 @@ from flexdesign.fem.solving.large_displacement import LargeDisplacement
 from flexdesign.fem.solving.load_path import load_path, stroke_path
 from studies.verification import large
 from studies.verification.finding import failures
+from studies.verification.published_guide import published_guide
 from studies.verification.solids import CORK, METAL, beam, hold_ground
 from tests.fem import solids
 
@@ -104,6 +105,11 @@ def test_a_cantilever_bends_like_the_elastica() -> None:
 def test_a_parallelogram_shortens_by_three_fifths_of_the_square() -> None:
     """u_x = -(3/5) u_y^2 / L (Jones 1988, Instruments and Experiences); of that the linear solution knows nothing."""
     assert failures(large.parasitic_motion()) == []
+
+
+def test_a_published_guide_moves_by_a_third_of_its_length() -> None:
+    """CalculiX, on elements as large."""
+    assert failures(published_guide()) == []
 
 
 def test_a_block_bears_no_more_than_its_material() -> None:
