@@ -163,25 +163,25 @@ def _pairs(candidates: Sequence[Cases], progress: Callable[[str], None]) -> Iter
 
 def _sort(trials: Iterable[Trial | None]) -> list[Trial]:
     made = [trial for trial in trials if trial is not None and math.isfinite(trial.cost)]
-    return sorted(made, key=lambda trial: trial.cost)
+    return sorted(made, key=lambda trial: trial.bic)
 
 
 def _accepted_trials(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
-    """Return the trials that count, agree with the table and are indistinguishable, best first.
+    """Return the trials that count, agree with the table and are indistinguishable by BIC, best first.
 
     Trials that the design excludes come last. The probability of an effect that was tried with several constants is
     shared among them.
     """
     good: list[Trial] = []
     for trial in trials:
-        if good and trial.cost > good[0].cost + INDISTINGUISHABLE:
+        if good and trial.bic > good[0].bic + INDISTINGUISHABLE:
             break
         if trial.is_significant_against(before, count) and trial.is_adequate:
             good.append(trial)
     times = Counter(trial.names for trial in trials)
 
     def order(trial: Trial) -> tuple[bool, float]:
-        return trial.excess_modulus(before) != 0, trial.cost + 2 * math.log(times[trial.names])
+        return trial.excess_modulus(before) != 0, trial.bic + 2 * math.log(times[trial.names])
 
     return sorted(good, key=order)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -73,6 +74,11 @@ class Trial:
     def cost(self) -> float:
         """Sum of squares, whitened."""
         return self.noise.squares(self.difference)
+
+    @property
+    def bic(self) -> float:
+        """BIC (Schwarz 1978): an effect that is there or not has no free parameter."""
+        return self.cost + len(self.free) * math.log(len(self.table.rows))
 
     @cached_property
     def values(self) -> tuple[Value, ...]:
