@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -151,6 +152,22 @@ def test_a_thickness_series_gives_the_over_cut_with_its_interval():
     assert value.interval[0] < 20e-6 < value.interval[1]
     before, after, unseen = (rung.error for rung in found.error_ladder)
     assert max(after, unseen) < 0.3 * before
+
+
+def test_an_effect_that_is_there_or_not_is_before_fitted_ones_that_do_no_better():
+    """Long leaves are plates; a fitted modulus is half a percent nearer to four stiffnesses. Lambda is zero."""
+    model = static_model.of_design(design.read(design.find("parallelogram_guide")))
+    plates = replace(model, effects={**model.effects, "plate_stiffening": {"share": 1.0}})
+    blank = StaticTable(
+        "", tuple(Row("K_in", "output free", 1.0, None, "", {"length": L}) for L in (0.2, 0.25, 0.35, 0.5))
+    )
+    values = plates.predict(blank) * (1 + np.array([0.004, 0.0, 0.003, 0.005]))
+    rows = (replace(row, value=v, sigma=0.01 * v) for row, v in zip(blank.rows, values, strict=True))
+    found = diagnose.diagnose(model, StaticTable("", tuple(rows)))
+    assert found.found.names == ("plate_stiffening",)
+    assert found.alike[0].cost < found.found.cost
+    assert {"modulus", "over_cut"} <= set(found.groups[0])
+    assert "lambda" not in {offer.row.quantity for offer in found.proposals}
 
 
 def test_one_thickness_cannot_tell_modulus_from_over_cut_and_two_can():

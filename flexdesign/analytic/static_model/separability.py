@@ -24,8 +24,12 @@ class Proposal(NamedTuple):
 
     @property
     def apart(self) -> float:
-        """How far the models are apart, relative."""
-        return (max(self.expected) - min(self.expected)) / abs(float(np.mean(self.expected)))
+        """How far the models are apart, relative; an amplification by less than `UNSAID` counts as `UNSAID`.
+
+        Of a guide it is zero by symmetry, and such small motions next to that of the input cannot be measured.
+        """
+        least = UNSAID if self.row.quantity == "lambda" else 0.0
+        return (max(self.expected) - min(self.expected)) / max(abs(float(np.mean(self.expected))), least)
 
 
 def proposals(models: Sequence[StaticModel], table: StaticTable, most: int = 3) -> tuple[Proposal, ...]:
