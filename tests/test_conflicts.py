@@ -215,6 +215,7 @@ LOOP = {"a": 0.9e-6, "b": 0.02, "c": 0.0, "n": 1.0, "rest": 0.0}
         ("coulomb_friction", FRICTION, False, ("sensor_gain",)),
         ("bouc_wen", LOOP, True, ()),
         ("bouc_wen", {**LOOP, "a": 0.1e-6}, True, ("sensor_gain",)),
+        ("bouc_wen", {**LOOP, "a": 1.4e-6}, True, ()),  # the gain of the design is that of the range, between both
         ("bouc_wen", LOOP, False, ("sensor_gain",)),
     ],
 )

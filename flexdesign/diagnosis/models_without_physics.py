@@ -27,6 +27,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.signal_chain import exact_step
 from flexdesign.estimation.criterion import BETTER
 from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.sparse_residual_model import (
@@ -238,7 +239,8 @@ def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: F
 def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
     """Tell whether smooth functions explain more in place of the effects of a fit, which they make needless.
 
-    The functions are those that explain most of the residual of the fit. A bench may lack an effect and more besides:
+    The functions are those that explain most of the residual of the fit. They must explain more of all runs, fitted to
+    all of them, because they have more coefficients than an effect. A bench may lack an effect and more besides:
     the functions then explain what it lacks besides, and imitate the effect. So the effects are needed next to the
     functions on two conditions. Their unique contribution to the fall of chi^2 is larger for each parameter than that
     of the functions (commonality analysis: Newton and Spurrell 1967, Appl. Stat. 16, 51-64). And their strengths keep
@@ -247,14 +249,30 @@ def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedMode
     terms = smooth_residual_model(data, task, fit).terms
     if not terms:
         return False
-    samples = base.solution.problem.dataset.samples
-    alone, _ = cost_of_terms(task, base, basis_functions_of(data, base), terms)
-    if alone - samples >= BETTER * (fit.fitted_chi2 - samples):
+    everywhere, functions = _over_all_runs(task, base), basis_functions_of(data, base)
+    samples = everywhere.solution.problem.dataset.samples
+    of_all, _ = cost_of_terms(task, everywhere, functions, terms)
+    if of_all - samples >= BETTER * (fit.fitted_chi2 + fit.validation_chi2 - samples):
         return False
+    alone, _ = cost_of_terms(task, base, functions, terms)
     together, step = cost_of_terms(task, fit, basis_functions_of(data, fit), terms)
     of_effects = (alone - together) / sum(len(effect.free) for effect in fit.effects)
     of_functions = (fit.fitted_chi2 - together) / len(terms)
     return of_effects < of_functions or not all(_keeps_sign(fit, effect.strength, step) for effect in fit.effects)
+
+
+def _over_all_runs(task: EstimationTask, fit: FittedModel) -> FittedModel:
+    """Return a fit with Jacobian and residuals of the validation runs, too, at the values that it has.
+
+    Functions of position and velocity describe the loop of one sine whatever its cause. That they do not hold for a
+    second amplitude shows in all runs together.
+    """
+    problem = fit.solution.problem
+    own = task.prepared(task, fit.model).validate.at(fit.model)
+    free = [parameter.name for parameter in problem.where.parameters if not parameter.run]
+    problem = task.problem(problem.dataset.joined(own), fit.model, free)
+    solution = linearise(problem, problem.where.start)
+    return fit if solution is None else replace(fit, solution=solution)
 
 
 def _keeps_sign(fit: FittedModel, name: str, step: Array) -> bool:

@@ -29,7 +29,12 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
 from flexdesign.diagnosis.preparation.windows import is_very_long, windows
 from flexdesign.diagnosis.result import SelectionHistory
 from flexdesign.dynamics.axis.axis_model import STEPS_PER_PERIOD, AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINEAR_PARAMETERS, stroke_of
+from flexdesign.dynamics.axis.axis_parameters import (
+    HYSTERESIS_PARAMETERS,
+    LINEAR_PARAMETERS,
+    is_beyond_sampling,
+    stroke_of,
+)
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, WORSE
 from flexdesign.estimation.least_squares.dataset import Dataset
@@ -189,10 +194,14 @@ def find_undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str
     """Return the parameters that the runs do not show: no plausible change alters a prediction by the tolerance.
 
     A change is plausible within one standard deviation of the prior, or `PLAUSIBLE_CHANGE` without one. Parameters of
-    hysteresis are not tested, because they act together.
+    hysteresis are not tested, because they act together. Samples in time do not show a mode beyond their rate.
     """
     known, undetermined = task.known(dynamics), list[str]()
+    is_beyond = bool(dynamics.apart) and is_beyond_sampling(dynamics.first, dynamics.highest)
     for name in LINEAR_PARAMETERS:
+        if is_beyond and name == "natural_frequency":
+            undetermined.append(name)
+            continue
         value = dynamics.axis.numbers[name]
         relative = min(known[name][1] / abs(value), PLAUSIBLE_CHANGE) if name in known else PLAUSIBLE_CHANGE
         after = dynamics.replace({name: value * (1 + relative)})

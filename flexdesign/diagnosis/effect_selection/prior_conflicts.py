@@ -75,7 +75,9 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
     for name, (middle, sigma) in free.items():
         j = where.names.index(name)
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
-        if min(abs(far), abs(small.get(name, values[name]) - middle) / sigma) <= CONFLICT:
+        # The prior may hold for small motions, for large ones, or for the range that a design was drawn for.
+        low, high = sorted((values[name], small.get(name, values[name])))
+        if max(low - middle, middle - high) <= CONFLICT * sigma:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
         if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
@@ -102,7 +104,8 @@ def _of_small_motions(fit: FittedModel, values: Mapping[str, float]) -> dict[str
     """Return natural frequency and gain for small motions, with the stiffness and hysteresis of the added effects.
 
     The prior may include the stiffness of a spring, or exclude the part of the gain that hysteresis holds back in small
-    motions, while an added effect now states it separately.
+    motions, while an added effect now states it separately. The gain over a range lies between that of small motions
+    and that of the largest ones, which hysteresis leaves behind.
     """
     model = cast(AxisDynamics, fit.model)
     added = {name: model.axis.effects[name] for name in fit.names if name in model.axis.effects}

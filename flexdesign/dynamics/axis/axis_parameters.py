@@ -108,6 +108,22 @@ def observable_range(parameter: Parameter, first: AxisModel, highest: float) -> 
     return {"plausible": (low * min(1.0, scale), high if math.isinf(highest) else highest), "screen": tried}
 
 
+def is_beyond_sampling(first: AxisModel, highest: float) -> bool:
+    """Tell whether the range of the natural frequency would reach the sampling rate.
+
+    A held command repeats its spectrum about the sampling rate. A mode there remembers every step, as hysteresis does,
+    and readings at the samples show nothing else of it.
+
+    Parameters
+    ----------
+    first
+        The numbers about which ranges are plausible.
+    highest
+        Half of the sampling rate [Hz].
+    """
+    return BEYOND * first.natural_frequency >= 2 * highest
+
+
 def frequency_scale(first: AxisModel, highest: float) -> float:
     """Return by how much higher frequencies are tried on an axis than the catalogue lists them.
 

@@ -131,6 +131,12 @@ class Dataset:
         part.records = tuple(record for record in self.records if record.observation.name in names)
         return part
 
+    def joined(self, other: Dataset) -> Dataset:
+        """Return the data set with the records of another one, too."""
+        joint = copy(self)
+        joint.records = (*self.records, *other.records)
+        return joint
+
     @property
     def names(self) -> list[str]:
         """Names of the observations."""
