@@ -13,6 +13,7 @@ import pytest
 from flexdesign.core import unit_tables
 from flexdesign.core.errors import InputError
 from flexdesign.measurements import importing
+from flexdesign.measurements.importing import delimited
 from flexdesign.measurements.recordings import read_measurements, read_runs
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -333,6 +334,22 @@ def test_commas_between_quotation_marks_are_decimal(tmp_path: Path) -> None:
     check(mapped(tmp_path, two_columns('variable = "Voltage"', 'variable = "Position"'), path), rel=1e-7)
 
 
+def test_decimal_commas_between_spaces_are_no_separators(tmp_path: Path) -> None:
+    """A logger that writes clock, way and force without a header, its first line with points; blank lines between."""
+    lines = [f"15:03:{k // 10:02d} {0.07 * k:.2f} {-4.0 + 23.5 * k:.1f}".replace(".", ",") for k in range(40)]
+    lines[0] = "15:03:00 0.00 -4.0"
+    (tmp_path / "bend.txt").write_text("\n\n".join(lines))
+    found, _, _ = delimited.read(tmp_path / "bend.txt")
+    assert found["column 1"].unit == "s" and found["column 1"].values()[[0, -1]].tolist() == [0.0, 3.0]
+    assert found["column 2"].values() == pytest.approx(np.round(0.07 * np.arange(40), 2), abs=1e-12)
+    assert found["column 3"].values() == pytest.approx(-4.0 + 23.5 * np.arange(40), abs=1e-9)
+
+
+def test_points_of_thousands_are_dropped_next_to_decimal_commas(tmp_path: Path) -> None:
+    (tmp_path / "big.csv").write_text("t [s];x [um]\n0;1.234,5\n1;-12.345\n2;1.500.000\n3;0.5\n")
+    assert delimited.read(tmp_path / "big.csv")[0]["x"].values().tolist() == [1234.5, -12345.0, 1.5e6, 0.5]
+
+
 def test_one_map_serves_many_files(tmp_path: Path) -> None:
     paths = [tmp_path / f"scope_{k}.csv" for k in range(6)]
     for k, path in enumerate(paths):
@@ -353,6 +370,17 @@ def test_files_that_hold_different_variables_are_read_together(tmp_path: Path) -
     np.save(tmp_path / "u.npy", U)
     np.save(tmp_path / "x.npy", X[:, 0])
     assert "per_file" not in importing.propose([tmp_path / "u.npy", tmp_path / "x.npy"])
+
+
+def test_a_variable_that_each_file_has_is_asked_for_in_each(tmp_path: Path) -> None:
+    """Files without headers, one with more columns."""
+    files = [tmp_path / "model.dat", tmp_path / "test.dat"]
+    for width, file in zip((3, 12), files, strict=True):
+        np.savetxt(file, np.outer(np.arange(20.0), np.ones(width)), delimiter="\t")
+    text = two_columns('variable = "column 1"\nunit = "V"', 'variable = "column 3"\nunit = "um"')
+    message = refusal(lambda: mapped(tmp_path, text, *files))
+    assert "column 1: is in each file: write per_file = true above [[run]]" in message
+    assert len(mapped(tmp_path, f"per_file = true\n{text}", *files).runs) == 2
 
 
 # --- Refusals

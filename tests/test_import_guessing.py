@@ -582,6 +582,16 @@ def test_header_cells(cell: str, name: str, unit: str) -> None:
     assert header_cells.split_unit(cell) == (name, unit)
 
 
+def test_numbers_of_channels_are_no_units(tmp_path: Path) -> None:
+    """Servos one beside another, as a dashboard exports them: the first is not without a unit of its own."""
+    names = [f"{name} ({k})" for k in (1, 2) for name in ("target pos", "pos", "load")]
+    (tmp_path / "servos.csv").write_text(f"time [s],{','.join(names)},Coherence (1)\n" + "0,1,2,3,4,5,6,7\n" * 9)
+    contents = read_contents([tmp_path / "servos.csv"])
+    assert [*contents.variables] == ["time", *names, "Coherence"]
+    assert [each.unit for each in contents.variables.values()] == ["s", *[""] * 6, "1"]
+    assert roles.role_of("target pos (1)", "").column == "u" and roles.role_of("pos (1)", "").column == "x"
+
+
 def test_words_are_no_units() -> None:
     """A name of one word is not taken for a unit: no word of the vocabulary but those that are units."""
     known = {word for kind in roles.VOCABULARY.values() for word in kind}

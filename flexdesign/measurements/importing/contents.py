@@ -99,6 +99,9 @@ class Contents:
                 name = name.removeprefix(f"{path.stem}.")
         if name not in self.variables:
             remedy = f"is no variable of {', '.join(path.name for path in self.paths)}"
+            if all(f"{path.stem}:{name}" in self.variables for path in self.paths):
+                remedy = f"is in each file: write per_file = true above [[run]], or {self.paths[0].stem}:{name} here"
+                raise InputError(file, field, name, remedy)
             raise InputError(file, field, name, remedy + suggest(name, list(self.variables)))
         return self.variables[name]
 

@@ -23,7 +23,8 @@ SEPARATORS = (";", "\t", ",", "|", " ")
 SAMPLE = 20
 #: More different words in a column are not the names of channels.
 MOST_CHANNELS = 20
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(\.\d{3})+$")
+_DECIMAL_COMMA = re.compile(r"[+-]?(\d*|\d{1,3}(\.\d{3})+),\d+([eE][+-]?\d+)?$")
 #: The signs before and behind the numbers of a matrix as in MATLAB.
 _MATRIX_BEGINS = re.compile(r"\s*([A-Za-z]\w*\s*=\s*)?\[(?=\s*([-+.\d]|\.\.\.|$))")
 _MATRIX_ENDS = re.compile(r"\]\s*;?\s*$")
@@ -255,14 +256,20 @@ def _without_brackets(lines: Sequence[str]) -> list[str]:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """Return the separator that gives most of the last lines one number of cells, more than one."""
-    sample = lines[-SAMPLE:]
+    """Return the separator that gives most of the last lines one number of cells, more than one.
+
+    Of several it is the one between the most numbers: a comma in ``15:03:27 0,74 23,5`` separates none.
+    """
+    sample, found, most = lines[-SAMPLE:], ",", -1.0
     for separator in SEPARATORS:
-        counts = Counter(len(_cells(line, separator)) for line in sample)
-        cells, times = counts.most_common(1)[0] if counts else (1, 0)
+        table = [_cells(line, separator) for line in sample]
+        cells, times = Counter(map(len, table)).most_common(1)[0] if table else (1, 0)
         if cells > 1 and times >= 0.8 * len(sample):
-            return separator
-    return ","
+            decimal = _decimal(table)
+            are_numbers = [_is_number(cell, decimal) for row in table if len(row) == cells for cell in row if cell]
+            if (share := sum(are_numbers) / max(len(are_numbers), 1)) > most:
+                found, most = separator, share
+    return found
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -284,8 +291,11 @@ def _decimal(table: Sequence[Sequence[str]]) -> str:
 
 
 def _number(cell: str, decimal: str) -> float:
+    """Return the number of a cell; NaN if it is none. Next to decimal commas, points may be those of thousands."""
+    if decimal == "," and ("," in cell or _THOUSANDS.match(cell)):
+        cell = cell.replace(".", "").replace(",", ".")
     try:
-        return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
+        return float(cell)
     except ValueError:
         return np.nan
 
@@ -314,8 +324,9 @@ def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], lis
     titles = [*(headers[0] if headers else ()), *[""] * width][:width]
     below = [*(headers[1] if len(headers) > 1 else ()), *[""] * width][:width]
     names, units = [], []
+    counted = header_cells.numbered(titles)
     for k, (title, under) in enumerate(zip(titles, below, strict=True)):
-        name, unit = header_cells.split_unit(title)
+        name, unit = (title, "") if title in counted else header_cells.split_unit(title)
         stripped = under.strip("[](){} ")
         unit = unit or header_cells.unit_of(stripped) or stripped.strip("-")
         if not name or name in names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import cache
 
 from flexdesign.core import unit_tables
@@ -30,6 +31,7 @@ _WHOLE = re.compile(
     r"m?sec(ond)?s?|usec|m(illi|icro)seconds?|[mu\u00b5]s|volts?|[mk]v|[nmu\u00b5]m|microns?|k?hz|(deg|°)c", re.I
 )
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
+_NUMBERED = re.compile(r"(.*\S)\s*[\[(]\d+[\])]")
 _SEPARATED = re.compile(r"\s+in\s+|\s*[_,/:;.\s-]\s*")
 
 
@@ -97,6 +99,16 @@ def split_unit(cell: str) -> tuple[str, str]:
             return name, unit
     is_unit = _WHOLE.fullmatch(cell) or (len(cell) > 1 and cell.lower() in WRITTEN)
     return cell, unit_of(cell) if is_unit else ""
+
+
+def numbered(cells: Sequence[str]) -> frozenset[str]:
+    """Return the header cells whose brackets hold a number that counts channels, which is no unit.
+
+    >>> sorted(numbered(["pos (1)", "pos (2)", "coherence (1)"]))
+    ['pos (1)', 'pos (2)']
+    """
+    found = [(cell, match[1]) for cell in cells if (match := _NUMBERED.fullmatch(cell))]
+    return frozenset(cell for cell, name in found if [other for _, other in found].count(name) > 1)
 
 
 def _is_ratio(text: str) -> bool:

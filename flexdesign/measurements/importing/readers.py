@@ -12,7 +12,7 @@ from flexdesign.measurements.importing import binary, delimited
 from flexdesign.measurements.importing.apart import apart, intact
 from flexdesign.measurements.importing.contents import Contents, Variable, library, short_name
 from flexdesign.measurements.importing.delimited import Dialect
-from flexdesign.measurements.importing.header_cells import split_unit
+from flexdesign.measurements.importing.header_cells import numbered, split_unit
 from flexdesign.measurements.recordings import DESCRIPTION
 
 #: By the ending of the file; what has another one is read as a table in text.
@@ -66,7 +66,11 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
             raise InputError(path, "", None, remedy)
         notes += said
         remarks += [f"{path.name}: {each}" for each in left_out]
-        found += [(path, name, replace(_with_unit(name, variable), path=path)) for name, variable in variables.items()]
+        counted = numbered(list(variables))
+        found += [
+            (path, name, replace(variable if name in counted else _with_unit(name, variable), path=path))
+            for name, variable in variables.items()
+        ]
     times = Counter(name for _, name, _ in found)
     named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}
     return Contents(tuple(paths), named, tuple(notes), tuple(remarks))

@@ -150,8 +150,8 @@ _RULES: tuple[tuple[set[str], str, tuple[str, ...], int], ...] = (
     ({"force"}, "f", ("N",), 3),
     ({"command", "reference", "drive"}, "r", MOTION, 3),
     ({"command"}, "u", ("V", ""), 3),
+    ({"reference"}, "u", ("V", ""), 2),  # a target position, too
     ({"position"}, "x", (*MOTION, "V", ""), 3),
-    ({"reference"}, "u", ("V", ""), 2),
     ({"monitor"}, "v", ("V", ""), 2),
     ({"converter"}, "u", ("V", ""), 2),  # "DAC out": what leaves a converter enters the stage
     ({"sensor"}, "x", MOTION, 2),
