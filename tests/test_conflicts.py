@@ -123,6 +123,46 @@ def test_a_number_beyond_its_prior_must_explain_much_beside_what_remains(rest: f
     assert (ratio > LARGE) is (rest < 0.65)
 
 
+@pytest.mark.parametrize(
+    ("damping_ratio", "is_done", "is_payload"),
+    [(0.05, False, True), (0.35, False, True), (0.6, False, False), (0.6, True, True)],
+)
+def test_no_payload_and_no_soft_support_overdamp_a_mode(damping_ratio: float, is_done: bool, is_payload: bool) -> None:
+    """At half of the frequency the ratio c / (2 sqrt(k m)) is half with more mass, and twice with less stiffness.
+
+    It is known to be 0.05 within as much: 0.35 is 0.175 for the stiffness of the design, 2.5 standard deviations off.
+    """
+    design = AxisModel(30.0, 0.05, 1e-6)
+    own = {"natural_frequency": 15.0, "damping_ratio": damping_ratio}
+    parameters = [parameter(name, value, 0.01 * value, 100 * value) for name, value in own.items()]
+    where = SimpleNamespace(names=[*own], parameters=parameters, known={}, values=lambda _: own)
+    solution = SimpleNamespace(
+        problem=SimpleNamespace(where=where), x=np.array([*own.values()]), covariance=np.diag([1e-6, 1e-8])
+    )
+    axis = dataclasses.replace(design, **own)
+    fit: Any = SimpleNamespace(
+        model=AxisDynamics("x", axis), solution=solution, names=(), effects=(), half_width=lambda j: 1e-3
+    )
+    known = {"natural_frequency": (30.0, 3.0), "damping_ratio": (0.05, 0.05)}
+    about: Any = SimpleNamespace(
+        known=known,
+        axis=design,
+        is_loaded=False,
+        coarse_step=None,
+        error=lambda _: 1.0,
+        known_noise_rms=0.0,
+    )
+    found = conflicts(about, fit)
+    assert [each.number for each in found] == [*own][: 1 + (damping_ratio > 0.2)]
+    if is_done or not is_payload:
+        nothing: Any = None
+        beyond, implied = shown(about, nothing, fit, found, is_done=is_done)
+        assert beyond == found
+        assert [each.group[0] for each in implied] == ["payload_mass"] * is_payload
+    else:  # whether it explains enough then decides
+        assert not any(each.is_overdamped for each in found)
+
+
 @pytest.mark.parametrize(("ratio", "is_much"), [(0.9, False), (1.1, True)])
 def test_what_was_read_off_the_recordings_needs_no_fit_and_must_matter(ratio: float, is_much: bool) -> None:
     """Its mean square is compared with that of the residual above the noise, which is 3 by construction."""

@@ -56,6 +56,8 @@ class Conflict:
         Name of the parameter; empty if the finding is from the readings themselves.
     rms
         Rms of the change of the readings, if the finding is from the readings themselves [response].
+    is_overdamped
+        Whether it is a damping ratio above what its prior and a softer support explain.
     """
 
     words: str
@@ -64,6 +66,7 @@ class Conflict:
     written: Callable[[AxisDynamics], AxisDynamics] = lambda model: model
     number: str = ""
     rms: float = 0.0
+    is_overdamped: bool = False
 
 
 def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
@@ -95,7 +98,10 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
             if not _follows(data, values):  # else a softer support changed the gain as well
                 found.append(_gain_shift(data, words, ratio, ends))
         else:
-            found.append(Conflict(words, number=name))
+            # c / (2 sqrt(k m)) falls with more mass, and grows with less stiffness as the frequency falls.
+            slower = min(values.get("natural_frequency", math.inf) / data.axis.natural_frequency, 1.0)
+            is_overdamped = name == "damping_ratio" and slower * values[name] - middle > CONFLICT * sigma
+            found.append(Conflict(words, number=name, is_overdamped=is_overdamped))
     more = (_delay_shift(data, fit), _quantisation(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
 
@@ -134,12 +140,15 @@ def shown(
     """Return which conflicts are reported, and which of these imply an effect.
 
     If the residual exceeds the noise, a conflict must explain much to imply an effect or shifted columns. A conflict of
-    an effect that is not implied is reported all the same.
+    an effect that is not implied is reported all the same. Nor is a lower frequency then an effect of a mode that
+    is overdamped besides: it imitates something else, such as a lag.
     """
     beyond, implied = list[Conflict](), list[Conflict]()
+    is_overdamped = any(conflict.is_overdamped for conflict in found)
     for conflict in found:
         is_claim = conflict.named is not None or conflict.number == TRIGGER
-        is_shown = not is_claim or is_done or explains(data, task, fit, conflict)
+        is_possible = not (is_overdamped and conflict.number == "natural_frequency")
+        is_shown = not is_claim or is_done or (is_possible and explains(data, task, fit, conflict))
         beyond += [conflict] if is_shown or conflict.named is not None else []
         implied += [conflict] if is_shown and conflict.named is not None else []
     return tuple(beyond), implied
