@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -121,6 +122,18 @@ def netgen(tmp_path_factory: pytest.TempPathFactory) -> tuple[domain.Domain, Loc
     method = mesh_refinement.method_of(study, part, body)
     assert type(method) is LocalThickness
     return body, method, method.mesh(4.0)
+
+
+def test_edges_may_be_off_their_planes_by_the_tolerance_of_the_file(folder: Path) -> None:
+    """One edge and its ends are 2 um off both of its planes, as where a program writes curves as splines."""
+    file = folder / "leaf.step"
+    moved, count = re.subn(r"\('',\(5\.,2\.,(-?[03]\.)\)\)", r"('',(5.002,2.002,\1))", file.read_text())
+    assert count == 6
+    file.write_text(moved)
+    study = study_of(folder, "rigid")
+    mesh = mesh_refinement.method_of(study, study.design.part(), whole_of(study)).mesh(4.0)
+    assert mesh.mesher == "Netgen"
+    assert mesh.volume == pytest.approx(leaf().solid().Volume() * 1e-9, rel=1e-3)  # 2 um of 4 mm on two faces
 
 
 def test_where_netgen_makes_no_mesh_it_is_said_that_pytetwild_did(

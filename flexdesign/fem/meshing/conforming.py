@@ -35,7 +35,7 @@ CHORD_AT_HINGES = 1.5e-3
 SMALL, NEXT_TO_NONE = 5e-3, 0.05
 #: Growth of the edge length per distance, at most, tried in turn: with more, Netgen failed on crossed round notches.
 GROWTHS = (0.3, 0.2)
-#: Vertices of a plane face lie in its plane within this length [m].
+#: Vertices of a plane face lie in its plane within this length and the tolerance of its edges [m].
 ON_PLANE = 1e-8
 
 
@@ -195,7 +195,7 @@ def _require_planes(points: FloatArray, facets: IntArray, faces: IntArray, domai
         if face.normal is None:
             continue
         corners = points[facets[faces == index]].reshape(-1, 3)
-        if len(corners) == 0 or np.abs(corners @ face.normal - face.offset).max() > ON_PLANE:
+        if len(corners) == 0 or np.abs(corners @ face.normal - face.offset).max() > ON_PLANE + face.tolerance:
             raise NoMesh(f"face {index + 1} of Netgen's mesh is not that of the solid")
 
 

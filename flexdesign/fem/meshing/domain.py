@@ -64,6 +64,8 @@ class Face:
         Its tessellation, shapes (n, 3) [m] and (m, 3).
     normal, offset
         Of a plane, the outward unit normal and ``normal . x`` [m]; None for curved faces.
+    tolerance
+        Largest distance of the edges and corners of a plane from it [m], as the CAD file states it.
     axis, radius
         Of a cylinder, a point and direction of its axis, shape (2, 3) [m], and its radius [m]; of a cone only its
         radius half-way along it; else None and 0.
@@ -78,6 +80,7 @@ class Face:
     axis: FloatArray | None = None
     radius: float = 0.0
     bends: FloatArray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
+    tolerance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -298,13 +301,17 @@ def _face(face: Any, chord: float, thinnest: float) -> Face:
     vertices, triangles = face.tessellate(chord / MM, 0.35)
     points = np.array([(v.x, v.y, v.z) for v in vertices]) * MM
     corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    from OCP.BRep import BRep_Tool
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     kind = face.geomType()
     if kind == "PLANE":
         normal = face.normalAt()
         direction = np.array([normal.x, normal.y, normal.z])
-        return Face(points, corners, direction, float(direction @ points[0]))
+        place = BRepAdaptor_Surface(face.wrapped).Plane().Location()
+        offset = float(direction @ (place.X(), place.Y(), place.Z())) * MM
+        tolerance = max(BRep_Tool.Tolerance_s(piece.wrapped) for piece in (*face.Edges(), *face.Vertices())) * MM
+        return Face(points, corners, direction, offset, tolerance=tolerance)
     if kind == "CYLINDER":
         # A cut of two circles leaves a trimmed surface, which has no cylinder of its own; the adaptor sees through it.
         cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder()

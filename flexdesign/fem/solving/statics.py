@@ -198,6 +198,17 @@ class ClassSystem:
         displacements[self.free] = unknowns
         return displacements
 
+    def as_forces(self, reach: float) -> FloatArray:
+        """Return the factors that make what acts on the unknowns forces, shape (unknowns, 1).
+
+        Moments on rigid ports are divided by the `reach` of the body [m]: norms over all unknowns then do not depend on
+        its size.
+        """
+        factors = np.ones((self.stiffness.shape[0], 1))
+        if self.tied is not None:
+            factors[len(self.free) :].reshape(-1, 6)[:, 3:] /= reach
+        return factors
+
     def condense(self, matrix: sp.csr_matrix) -> sp.csr_matrix:
         """Return a matrix of all dofs, upper triangle, as the unknowns see it."""
         return _condense(matrix, self.free, self.tied)
@@ -343,8 +354,9 @@ def _checks(
     balance = max(np.abs(total.sum(axis=0) / size).max(), np.abs(moments / (size * reach)).max())
     work = np.diag(gram)
     energy = [2 * body.strain_energy(u.reshape(-1, 3)) for u in displacements.T]
-    applied = np.linalg.norm(system.gather(loads), axis=0)
-    residual = system.gather(internal) - system.gather(loads)
+    as_forces = system.as_forces(float(reach))
+    applied = np.linalg.norm(as_forces * system.gather(loads), axis=0)
+    residual = as_forces * (system.gather(internal) - system.gather(loads))
     products = (stiffness.diagonal()[:, None] * displacements)[system.free]
     return Checks(
         reciprocity=float(np.abs((gram - gram.T) / scale).max()),
