@@ -176,6 +176,20 @@ def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffne
     assert alone.half_width is not None and alone.half_width / 10 < 1e-3  # a mesher without such scatter
 
 
+@pytest.mark.parametrize("datum", [0.0, 1.0])
+def test_the_error_of_a_place_does_not_depend_on_where_coordinates_begin(datum: float) -> None:
+    """It is that of the distance from what the place is computed from."""
+    meshes = [
+        found(1e6, 1.0) | {"centre_x": Quantity("centre_x", datum + away, "m", "mm", datum=datum)}
+        for away in (0.0202, 0.0201)
+    ]
+    centre = mesh_refinement.extrapolate_quantities(meshes, SIZES, MeshNoise(2e-3))[-1]
+    (alone,) = mesh_refinement.extrapolate_quantities([found(0.0202, 1.0), found(0.0201, 1.0)], SIZES, MeshNoise(2e-3))[
+        :1
+    ]
+    assert (centre.value - datum, centre.half_width) == pytest.approx((alone.value, alone.half_width), rel=0.01)
+
+
 def test_the_estimated_error_is_the_largest() -> None:
     quantities = mesh_refinement.extrapolate_quantities(
         [found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, MeshNoise(0.0, 0.25)

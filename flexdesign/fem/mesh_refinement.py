@@ -350,11 +350,11 @@ def extrapolate_quantities(
     extrapolated = []
     for key, quantity in found[0].items():
         known = [i for i, there in enumerate(found) if key in there]
-        values = [found[i][key].value for i in known]
+        values = [found[i][key].value - quantity.datum for i in known]
         limit = convergence.extrapolate(
             values, [sizes[i] for i in known], mesh_noise=mesh_noise, remaining_errors=[errors[i] for i in known]
         )
-        extrapolated.append(replace(quantity, value=limit.value, half_width=limit.error))
+        extrapolated.append(replace(quantity, value=quantity.datum + limit.value, half_width=limit.error))
     return extrapolated
 
 

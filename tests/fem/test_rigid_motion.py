@@ -73,6 +73,7 @@ def test_a_cantilever_turns_about_its_middle_under_a_moment() -> None:
     for moment in "yz":
         centre = [found[f"centre_{axis}_moment_about_{moment}"].value for axis in "xyz"]
         assert np.subtract(centre, tip) == pytest.approx([-LENGTH / 2, 0.0, 0.0], rel=SOLVED, abs=1e-4 * LENGTH)
+        assert [found[f"centre_{axis}_moment_about_{moment}"].datum for axis in "xyz"] == pytest.approx(tip)
 
 
 def test_a_centre_that_the_meshes_do_not_determine_is_not_reported() -> None:

@@ -30,6 +30,8 @@ def test_key_joins_name_and_boundary() -> None:
         (Quantity("lambda", -12.0305, "1", ""), "-12.03"),
         (Quantity("s", 3.8e-5, "m", "um"), "38.00 um"),
         (Quantity("tilt", 2e-6, "rad/m", "urad/um"), "2.000e-06 urad/um"),
+        (Quantity("k", 1.41464e8, "N m/rad", "N m/rad", half_width=1.093e6), "1.415e+08 ± 1.1e+06 N m/rad"),
+        (Quantity("k", 5.2406e-9, "N m/rad", "N m/rad", half_width=3.9e-11), "5.241e-09 ± 3.9e-11 N m/rad"),
     ],
 )
 def test_shown_in_the_display_unit(quantity: Quantity, text: str) -> None:

@@ -30,6 +30,8 @@ class Quantity:
         What produced it: an equation, a mesh, a paper, an instrument.
     half_width
         Half-width of the stated uncertainty in SI, or None when none is known.
+    datum
+        Of a coordinate, the one from which it is computed: a relative error is one of their difference.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Quantity:
     boundary: str = ""
     source: str = ""
     half_width: float | None = None
+    datum: float = 0.0
 
     @property
     def key(self) -> str:
@@ -56,7 +59,8 @@ class Quantity:
         if -5 < decimals < 0:
             return f"{round(value, decimals):.0f} ± {round(half_width, decimals):.0f} {self.unit}".rstrip()
         if decimals < 0 or decimals > 9:
-            return f"{units.significant(value, 6)} ± {units.significant(half_width, 2)} {self.unit}".rstrip()
+            digits = max(math.floor(math.log10(abs(value) or half_width)) + decimals, 0)  # as far as the uncertainty's
+            return f"{value:.{digits}e} ± {half_width:.1e} {self.unit}".rstrip()
         return f"{value:.{decimals}f} ± {half_width:.{decimals}f} {self.unit}".rstrip()
 
     def to_json(self) -> dict[str, Any]:

@@ -110,7 +110,7 @@ def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[Hi
             )
         if not found.resolved:
             raise MeshError(
-                f"{found.hinge.name} has {found.across:.2g} elements across its curved neck of "
+                f"{found.hinge.name} has {math.floor(100 * found.across) / 100:g} elements across its curved neck of "
                 f"{found.hinge.thickness * 1e3:g} mm, {LEAST_ACROSS:g} at least are needed; reduce mesh.at_root"
             )
     return checks

@@ -94,11 +94,8 @@ def rotation_centres(study: Study, c: PortCompliance) -> list[Quantity]:
     found = []
     for boundary, motion in motions.items():
         if np.any(motion.rotation):
-            centre = np.array(in_file(part, output.point)) + motion.centre
-            found += [
-                Quantity(f"centre_{axis}", x, "m", "mm", boundary)
-                for axis, x in zip("xyz", centre.tolist(), strict=True)
-            ]
+            for axis, datum, away in zip("xyz", in_file(part, output.point), motion.centre.tolist(), strict=True):
+                found.append(Quantity(f"centre_{axis}", datum + away, "m", "mm", boundary, datum=datum))
     return found
 
 
