@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 from flexdesign.api.result import Result
 from flexdesign.core.errors import InputError
 from flexdesign.design import step_file, step_part
 from flexdesign.design.faces import SolidFace
-from flexdesign.fem.meshing import thin_regions
+from flexdesign.fem.meshing import hinge_cuts, thin_regions
 from flexdesign.fem.meshing.thin_regions import ThinRegions
 from flexdesign.report import faces_report
 
@@ -42,7 +42,12 @@ class StepFaces:
 
     def design_for(self, folder: Path) -> str:
         """Return a design to start from, for a file in a folder."""
-        return faces_report.design(os.path.relpath(self.file, folder), self.faces, self.body.solids)
+        return faces_report.design(os.path.relpath(self.file, folder), self.faces, self.body.solids, self.bodies)
+
+    @cached_property
+    def bodies(self) -> tuple[int | None, ...]:
+        """The body that each face is on, of those that hinges join; None of several."""
+        return hinge_cuts.bodies_of(self.body.solid, self.faces, self.thin)
 
 
 def read_ports(
@@ -73,7 +78,7 @@ def read_ports(
     found = StepFaces(path, body, step_part.listed(body), thin_regions.find(body.solid))
     return Result(
         found,
-        faces_report.document(path, body, found.faces, found.thin, progress),
+        faces_report.document(path, body, found.faces, found.thin, found.design_for(path.parent), progress),
         faces_report.brief(found.faces),
         partial(faces_report.result, body, found.faces, found.thin),
         is_table_first=True,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -63,20 +64,25 @@ def brief(faces: Sequence[SolidFace]) -> Table:
 
 
 def document(
-    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
+    path: Path,
+    body: StepBody,
+    faces: Sequence[SolidFace],
+    thin: ThinRegions,
+    start: str,
+    progress: Callable[[str], None],
 ) -> Document:
-    """Return the report, with a picture where it can be drawn."""
+    """Return the report, with a picture where it can be drawn, and the design to `start` from."""
     others = sum(face.kind not in PORT_KINDS for face in faces)
     summary = [
         f"One solid of {body.solid.Volume():.6g} mm³ with {len(faces)} faces, {others} of them neither plane nor "
         f"cylindrical; the file is in {body.unit.lower() or 'no stated unit'}.",
         *body.notes,
     ]
-    return Document(f"{path.name}: faces", summary, partial(_sections, path, body, faces, thin, progress))
+    return Document(f"{path.name}: faces", summary, partial(_sections, body, faces, thin, start, progress))
 
 
 def _sections(
-    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
+    body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, start: str, progress: Callable[[str], None]
 ) -> list[Section]:
     progress("drawing")
 
@@ -96,7 +102,7 @@ def _sections(
     sections = [
         Section("Faces", missing, [table(faces)], figures),
         Section("What is thin", (), [Table(["region", "thickness", "extent", "centre [mm]"], rows)]) if rows else None,
-        Section("A design to start from", code=design(path.name, faces, body.solids).rstrip()),
+        Section("A design to start from", code=start.rstrip()),
     ]
     return [section for section in sections if section is not None]
 
@@ -128,13 +134,14 @@ def result(body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions) -> dic
     }
 
 
-def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) -> str:
+def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = (), bodies: Sequence[int | None] = ()) -> str:
     """Return a design to start from, with ground and output.
 
-    They are two bores if there is a natural pair of them (`bores.pair`), or else the two outermost plane faces along
-    the longest way. What else may be a port stands below as comments.
+    They are two bores if there is a natural pair of them (`bores.pair`), or else outer plane faces of the two `bodies`,
+    as `hinge_cuts.bodies_of` numbers them, that lie farthest apart along an axis, or else the two outermost plane
+    faces along the longest way. What else may be a port stands below as comments, and so does what is missing.
     """
-    planes = _outermost_planes(faces)
+    planes = _across_hinges(faces, bodies) or _outermost_planes(faces)
     low, high = (np.array(corner) * 1e-3 for corner in _box(faces))
     known = bores.of_faces(faces, float(np.linalg.norm(high - low)))
     found = bores.pair(known, float((high - low).max()))
@@ -146,8 +153,14 @@ def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) ->
         others = [*planes, *(bore.face for bore in known if bore not in found)]
     else:
         ports, others = list(planes), [bore.face for bore in known]
-    for name, face in zip(("ground", "output"), ports, strict=True):
+    for name, face in zip(("ground", "output"), ports, strict=False):
         lines += ["", *_port(name, face, faces)]
+    if len(ports) < 2:
+        lines += [
+            "",
+            "# Ground and output are plane or cylindrical faces, and this solid has no two planes: split a face",
+        ]
+        lines += ["# in the CAD program, or cut a plane."]
     if others:
         lines += ["", "# Other faces that may be ports:"]
     for face in others[:MOST]:
@@ -155,15 +168,37 @@ def design(part: str, faces: Sequence[SolidFace], solids: Sequence[str] = ()) ->
     return "\n".join(lines) + "\n"
 
 
-def _outermost_planes(faces: Sequence[SolidFace]) -> tuple[SolidFace, SolidFace]:
-    """Return the two outermost plane faces along the longest way."""
-    planes = [face for face in faces if face.kind == "plane"] or list(faces)
+def _across_hinges(faces: Sequence[SolidFace], bodies: Sequence[int | None]) -> list[SolidFace]:
+    """Return the outer plane faces of the two bodies that lie farthest apart along an axis, if there are two."""
+    on = {body: [face for face, its in zip(faces, bodies, strict=True) if its == body] for body in {*bodies} - {None}}
+    centres = {
+        body: np.average([face.centroid for face in its], axis=0, weights=[face.area for face in its])
+        for body, its in on.items()
+    }
+    ways = [
+        (centres[further][axis] - centres[body][axis], body, further, axis)
+        for body, further in itertools.permutations(on, 2)
+        for axis in range(3)
+    ]
+    for _, body, further, axis in sorted(ways, reverse=True):
+        low = [face for face in on[body] if face.kind == "plane" and face.normal[axis] < -0.99]
+        high = [face for face in on[further] if face.kind == "plane" and face.normal[axis] > 0.99]
+        if low and high:
+            return [min(low, key=lambda f: f.centroid[axis]), max(high, key=lambda f: f.centroid[axis])]
+    return []
+
+
+def _outermost_planes(faces: Sequence[SolidFace]) -> list[SolidFace]:
+    """Return the two outermost plane faces along the longest way; fewer if there are no two."""
+    planes = [face for face in faces if face.kind == "plane"]
+    if len(planes) < 2:
+        return planes
     centres = np.array([face.centroid for face in planes])
     axis = int(np.argmax(np.ptp(centres, axis=0)))
     along = [f for f in planes if abs(f.normal[axis]) > 0.99] or planes
     ground = min(along, key=lambda f: f.centroid[axis])
     others = [[f for f in some if f is not ground] for some in (along, planes)]
-    return ground, max(others[0] or others[1] or along, key=lambda f: f.centroid[axis])
+    return [ground, max(others[0] or others[1], key=lambda f: f.centroid[axis])]
 
 
 def _port(name: str, face: SolidFace, faces: Sequence[SolidFace]) -> list[str]:

@@ -415,6 +415,23 @@ def test_the_design_to_start_from_gives_points_where_all_faces_have_the_name_of_
     assert (ground.normal[0], output.normal[0]) == pytest.approx((-1, 1))
 
 
+def test_the_design_to_start_from_has_the_hinge_between_its_ports(tmp_path: Path) -> None:
+    """Two plates on a leaf, wider than they are far apart: the longest way ends twice on one plate."""
+    solid = cq.Workplane().box(2, 10, 10).union(cq.Workplane().box(1.2, 0.1, 10).translate((1.5, 0, 0)))
+    file = exported(solid.union(cq.Workplane().box(2, 10, 10).translate((3, 0, 0))).val(), tmp_path / "part.step", {})
+    (tmp_path / "start.toml").write_text(read_ports(file).found.design_for(tmp_path))
+    ground, output = design.read(tmp_path / "start.toml").part().ports()
+    assert (ground.normal, output.normal) == (pytest.approx((-1, 0, 0)), pytest.approx((1, 0, 0)))
+    assert output.point[0] - ground.point[0] == pytest.approx(5e-3)
+
+
+@pytest.mark.parametrize("solid, ports", [(cq.Solid.makeSphere(10), 1), (cq.Solid.makeTorus(20, 4), 0)])
+def test_a_design_to_start_from_names_no_face_twice_and_no_ball(solid: cq.Solid, ports: int, tmp_path: Path) -> None:
+    """Half a ball has one plane."""
+    text = read_ports(exported(solid, tmp_path / "part.step", {})).found.design_for(tmp_path)
+    assert text.count("\n[ports.") == ports and "cut a plane" in text
+
+
 def lug() -> cq.Shape:
     """A disc with a flat, about a bore in which the middle of its sides lies; one face alone is normal to y."""
     disc = cq.Workplane().circle(10).circle(7).extrude(4)
