@@ -22,7 +22,7 @@ from flexdesign.report import charts, render, terminal, wording
 from flexdesign.report.document import Document, Table
 from flexdesign.report.validation import card, export, table_1, validation_pictures, validation_report
 from flexdesign.report.validation.vibrations import symmetry
-from flexdesign.workflows.validation import Validation, validate
+from flexdesign.workflows.validation import Comparison, Validation, validate
 
 COARSE = ["mesh.at_root=0.25", "mesh.largest=6 mm", "mesh.levels=2", "modes.count=1"]
 LARGE, LINEAR = "stroke_output_free_large_displacements", "stroke_output_free"
@@ -31,6 +31,15 @@ LARGE, LINEAR = "stroke_output_free_large_displacements", "stroke_output_free"
 @pytest.fixture(scope="module")
 def validation(tmp_path_factory: pytest.TempPathFactory) -> Validation:
     return validate(study.read("bridge_amplifier", COARSE), Cache(tmp_path_factory.mktemp("cache")))
+
+
+@pytest.mark.parametrize("name", ["first_frequency", "output_frequency", "drive_frequency"])
+def test_no_frequency_is_called_a_stroke_on_the_terminal(name: str, validation: Validation) -> None:
+    """The table fits a terminal by symbols, or else by the last word of a name."""
+    frequency = Quantity(name, 100.0, "Hz", "Hz", "actuator installed", half_width=1.0)
+    compared = replace(validation, comparisons=[Comparison(frequency, {"model": replace(frequency, value=101.0)})])
+    ((label, *_),) = table_1.brief(compared).rows
+    assert label.startswith("f") and label.endswith("actuator installed")
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,8 @@ def text(validation: Validation) -> list[str]:
 def _compact(table: Table) -> Table:
     """Fit Table 1 into 80 columns: symbol and unit alone, and of several models the first and the last."""
     rows = []
-    short = {NAMES["first_frequency"]: "f_1", NAMES["output_frequency"]: "f of 1/K_out"}
+    symbols = {"first_frequency": "f_1", "output_frequency": "f of 1/K_out", "drive_frequency": "f of static stroke"}
+    short = {NAMES[name]: symbol for name, symbol in symbols.items()}
     for name, boundary, fem, *rest in table.rows:
         value, _, tail = fem.partition(" ± ")
         error, _, unit = tail.partition(" ")
