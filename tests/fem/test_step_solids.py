@@ -295,6 +295,33 @@ def test_the_coarsest_mesh_of_a_cardan_joint_passes_the_gate(tmp_path: Path) -> 
     assert bending == pytest.approx([4.828, 4.832], rel=0.03)
 
 
+def test_places_next_to_the_rim_of_a_flange_are_as_thick_as_others(tmp_path: Path) -> None:
+    """Rays from there leave a coarse mesh through the chords of its rim. Four in a hundred stand 1 um within it."""
+    flange = cq.Workplane().circle(10).extrude(4.5)
+    solid = flange.union(cq.Workplane().workplane(offset=4.5).rect(0.5, 6).extrude(4)).union(
+        flange.translate((0, 0, 8.5))
+    )
+    cq.exporters.export(solid, str(tmp_path / "part.step"))
+    (tmp_path / "part.toml").write_text(
+        'format = 1\npart = "part.step"\nmaterial = "Al 7075-T6"\n'
+        '[ports.ground]\npoint = ["0 mm", "0 mm", "0 mm"]\nnormal = [0, 0, -1]\n'
+        '[ports.output]\npoint = ["0 mm", "0 mm", "13 mm"]\nnormal = [0, 0, 1]\ninterface = "rigid"\n'
+    )
+    study = studies.read(tmp_path / "part.toml")
+    part = study.design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    thin = body.thin
+    assert thin is not None
+    number = next(k for k, hinge in enumerate(thin.hinges) if hinge.thickness > 4e-3)
+    places = thin.chosen[number].copy()
+    angle = np.linspace(0, 2 * np.pi, len(places[::25]), endpoint=False)
+    points = thin.points.copy()
+    points[places[::25], :2] = 9.999e-3 * np.column_stack([np.cos(angle), np.sin(angle)])
+    method = mesh_refinement.method_of(study, part, replace(body, thin=replace(thin, points=points)))
+    assert isinstance(method, LocalThickness)
+    assert max(check.deviation for check in method.check(method.mesh(1.8))) < 1e-6
+
+
 def test_the_wall_of_a_drafted_bore_is_no_hinge_either() -> None:
     """It is 1 mm thick, beside a bore 6 mm wide with 9 mm beyond it."""
     block = cq.Workplane().box(20, 16, 12)

@@ -34,7 +34,7 @@ from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, signed_volumes, tetrahedralize
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
 from flexdesign.fem.meshing.surface import Rays
-from flexdesign.fem.meshing.thin_regions import ThinRegions
+from flexdesign.fem.meshing.thin_regions import OPPOSITE, ThinRegions
 
 FloatArray = NDArray[np.float64]
 
@@ -301,10 +301,15 @@ class LocalThickness:
         some = chosen[:: max(len(chosen) // MEASURED, 1)]
         thickness, inward = thin.thickness[some], thin.inward[some]
         middle = thin.points[some] + inward * thickness[:, None] / 2
-        forth, _ = rays.first(middle, inward)
-        back, _ = rays.first(middle, -inward)
+        forth, ahead = rays.first(middle, inward)
+        back, behind = rays.first(middle, -inward)
         seen = forth + back
         seen = np.where(seen < 2 * thickness, seen, np.nan)
+        # Next to a rim a ray leaves through its chords, which lie within it.
+        facing = [np.abs(np.einsum("ij,ij->i", inward, rays.normals[hit])) for hit in (ahead, behind)]
+        across = np.isnan(seen) | (np.minimum(*facing) > OPPOSITE)
+        if across.mean() > 0.5:
+            thickness, seen = thickness[across], seen[across]
         if np.isnan(seen).mean() < 0.02:  # a ray through an edge of the mesh
             thickness, seen = thickness[~np.isnan(seen)], seen[~np.isnan(seen)]
         off = np.abs(seen / thickness - 1)

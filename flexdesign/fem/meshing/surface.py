@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,11 @@ class Rays:
         self._locator.SetDataSet(self._mesh)
         self._locator.BuildLocator()
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit normals of the triangles, shape (m, 3)."""
+        return np.asarray(self._mesh.face_normals, dtype=float)
 
     def first(self, start: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return how far each ray goes until it meets a triangle [m], infinite for none, and which one, -1 for none."""
