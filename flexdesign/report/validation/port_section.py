@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -52,14 +53,22 @@ def section(validation: Validation) -> Section:
 
 
 def summary(validation: Validation) -> list[str]:
-    """Say how stiff a joint is."""
+    """Say how stiff a joint is; a moment alone shifts what it turns, unless other motions are held."""
+    rotations = [motion for motion in MOTIONS if motion.startswith("r")]
+    held, free = _listed(validation, MOTIONS, HELD), _listed(validation, rotations, FREE)
+    return [
+        f"FEM gives the stiffness of the output port against the ground, other motions held: {held}.",
+        f"With the other motions free: {free}.",
+    ]
+
+
+def _listed(validation: Validation, motions: Sequence[str], boundary: str) -> str:
     ports = validation.study.design.part().ports()
     pieces: dict[str, list[str]] = {}
-    for motion in MOTIONS:
+    for motion in motions:
         kind = port_stiffness.kind(motion, ports) or f"along {motion}"
-        pieces.setdefault(kind, []).append(format_quantity(_fem(validation, motion, HELD)))
-    listed = "; ".join(f"{kind} {' and '.join(values)}" for kind, values in pieces.items())
-    return [f"FEM gives the stiffness of the output port against the ground, other motions held: {listed}."]
+        pieces.setdefault(kind, []).append(format_quantity(_fem(validation, motion, boundary)))
+    return "; ".join(f"{kind} {' and '.join(values)}" for kind, values in pieces.items())
 
 
 def strength(validation: Validation) -> Section:
