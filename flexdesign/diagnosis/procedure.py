@@ -50,7 +50,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 )
 from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import Step
-from flexdesign.estimation.model_selection.restarts import escape
+from flexdesign.estimation.model_selection.restarts import escape, restart_without
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -236,19 +236,20 @@ def search(
     most = MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES
     selecting = partial(
         select,
-        task,
-        calibration,
-        candidates_,
-        most,
+        candidates=candidates_,
+        most=most,
         expansion_points=calibrated_task.origins,
         vary_step=partial(vary_step, task, candidates=candidates_),
         vary=partial(vary_by_run, task),
         step_forward=step_forward,
     )
-    steps, fits = selecting(confirmed=(steps, fits))
+    steps, fits = selecting(task, calibration, confirmed=(steps, fits))
+    if not fits and (better := restart_without(task, calibration, steps[-1].trials)) is not calibration:
+        task, calibration = replace(task, calibrated_excess=better.excess), better
+        steps, fits = selecting(task, calibration)
     last = fits[-1] if fits else calibration
     if not data.runs and (step := add_together(task, last, candidates_, most)) and step.chosen:
-        steps, fits = selecting(confirmed=([*steps, step], [*fits, step.chosen.fit]))
+        steps, fits = selecting(task, calibration, confirmed=([*steps, step], [*fits, step.chosen.fit]))
     return task, SelectionHistory(
         calibrated_task.nominal,
         calibration,

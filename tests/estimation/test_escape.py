@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection import restarts
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
-from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst
+from flexdesign.estimation.model_selection.model_comparison import compare
+from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst, restart_without
+from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.play_problems import SEEDS, problem
-from tests.estimation.toys import Array
+from tests.estimation.sums import Sum, as_sum, offset, strength
+from tests.estimation.toys import Array, Run, parameter
 
 #: A minimum is missed if chi^2 is larger by this.
 MISSED = 2.0
@@ -112,3 +117,32 @@ def test_a_search_over_thresholds_ends_where_every_step_is_better(monkeypatch: p
     monkeypatch.setattr(restarts, "search_initial_states", lambda task, dataset, model: model)
     escape(about.task, fit)
     assert len(tried) == 16
+
+
+def test_a_refused_effect_may_show_a_better_minimum_of_the_other_parameters() -> None:
+    """A sine has a local minimum at every beat. A slope, which is not there, is fitted next to the right frequency."""
+    t, sigma = np.arange(200) / 200, 0.01
+    rng = np.random.default_rng(0)
+
+    def sine(v: Any, run: Run) -> Any:
+        return v["p"] * np.sin(2 * np.pi * v["f"] * run.t)
+
+    def dataset(name: str) -> Dataset:
+        return Dataset(
+            [Run(name, t, 2 * np.sin(2 * np.pi * 3.1 * t) + sigma * rng.standard_normal(len(t)))], White(sigma), offset
+        )
+
+    model = Sum().plus(sine, strength("p"), parameter("f", 5.3, 1.0, 10.0, scale="log"))
+    slope = Candidate(
+        "slope", lambda of: as_sum(of).plus(lambda v, run: v["s"] * run.t, strength("s")), "s", ("s",), ({"s": 0.1},)
+    )
+    task = EstimationTask(dataset("a"), dataset("b"), ("p", "f"), lambda _: {}, lambda _: model, 1e-3)
+    astray = fit_model(task, model)
+    right, wrong = (fit_model(task, slope.add(model.replace({"f": f})), (slope,)) for f in (3.3, 5.3))
+    assert astray is not None and right is not None and wrong is not None
+    refused = compare(task, astray, right, ("slope",), 10.0)
+    assert refused.gain > refused.critical_gain and refused.reason
+    found = restart_without(task, astray, [refused])
+    assert found.solution.problem.where.values(found.solution.x)["f"] == pytest.approx(3.1, rel=1e-3)
+    assert restart_without(task, astray, [compare(task, astray, wrong, ("slope",), 10.0)]) is astray
+    assert restart_without(task, astray, []) is astray

@@ -12,9 +12,11 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     fit_model,
+    refit,
     search_initial_states,
     solve_case,
 )
+from flexdesign.estimation.model_selection.model_comparison import Trial
 
 #: Least number of runs, one of which may be left out.
 FEWEST_RUNS = 2
@@ -45,6 +47,18 @@ def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None =
 
 def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
     return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
+
+
+def restart_without(task: EstimationTask, fit: FittedModel, trials: Sequence[Trial]) -> FittedModel:
+    """Return the fit restarted from the best of refused trials, without its effects, if that is better.
+
+    A further effect may only have moved the other parameters out of a local minimum.
+    """
+    if not trials or trials[0].gain <= trials[0].critical_gain:
+        return fit
+    task.progress("fitting from other values")
+    restarted = refit(task, trials[0].fit, fit.effects)
+    return fit if restarted is None or fit.cost - restarted.cost <= trials[0].critical_gain else restarted
 
 
 def _search_threshold(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
