@@ -301,13 +301,9 @@ class LocalThickness:
         some = chosen[:: max(len(chosen) // MEASURED, 1)]
         thickness, inward = thin.thickness[some], thin.inward[some]
         middle = thin.points[some] + inward * thickness[:, None] / 2
-        forth, ahead = rays.first(middle, inward)
-        back, behind = rays.first(middle, -inward)
-        seen = forth + back
+        seen, facing = rays.thickness(middle, inward)
         seen = np.where(seen < 2 * thickness, seen, np.nan)
-        # Next to a rim a ray leaves through its chords, which lie within it.
-        facing = [np.abs(np.einsum("ij,ij->i", inward, rays.normals[hit])) for hit in (ahead, behind)]
-        across = np.isnan(seen) | (np.minimum(*facing) > OPPOSITE)
+        across = np.isnan(seen) | (facing > OPPOSITE)  # next to a rim rays leave through its chords
         if across.mean() > 0.5:
             thickness, seen = thickness[across], seen[across]
         if np.isnan(seen).mean() < 0.02:  # a ray through an edge of the mesh

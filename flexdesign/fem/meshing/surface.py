@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -78,11 +77,6 @@ class Rays:
         self._locator.BuildLocator()
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
 
-    @cached_property
-    def normals(self) -> FloatArray:
-        """Unit normals of the triangles, shape (m, 3)."""
-        return np.asarray(self._mesh.face_normals, dtype=float)
-
     def first(self, start: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return how far each ray goes until it meets a triangle [m], infinite for none, and which one, -1 for none."""
         from vtkmodules.vtkCommonCore import mutable
@@ -96,6 +90,16 @@ class Rays:
             if self._locator.IntersectWithLine(a, b, 1e-12 * self._size, reach, place, local, which, cell):
                 far[i], hit[i] = float(reach) * self._size, int(cell)
         return far, hit
+
+    def thickness(self, start: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how thick the body is along lines through places within it [m], and how the lines meet its surface.
+
+        That is the least cosine between line and normal, of both sides.
+        """
+        (forth, ahead), (back, behind) = self.first(start, way), self.first(start, -way)
+        normals = np.asarray(self._mesh.face_normals, dtype=float)
+        facing = [np.abs(np.einsum("ij,ij->i", way, normals[hit])) for hit in (ahead, behind)]
+        return forth + back, np.minimum(*facing)
 
 
 def surface_of(solid: Any, chord: float) -> Surface:
