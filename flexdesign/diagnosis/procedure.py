@@ -244,8 +244,11 @@ def search(
         step_forward=step_forward,
     )
     steps, fits = selecting(task, calibration, confirmed=(steps, fits))
-    if not fits and (better := restart_without(task, calibration, steps[-1].trials)) is not calibration:
-        task, calibration = replace(task, calibrated_excess=better.excess), better
+    restarted = (
+        calibration if fits or calibrated_task.is_refused else restart_without(task, calibration, steps[-1].trials)
+    )
+    if restarted is not calibration:
+        task, calibration = replace(task, calibrated_excess=restarted.excess), restarted
         steps, fits = selecting(task, calibration)
     last = fits[-1] if fits else calibration
     if not data.runs and (step := add_together(task, last, candidates_, most)) and step.chosen:

@@ -50,7 +50,7 @@ def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
 
 
 def restart_without(task: EstimationTask, fit: FittedModel, trials: Sequence[Trial]) -> FittedModel:
-    """Return the fit restarted from the best of refused trials, without its effects, if that is better.
+    """Return the fit restarted from the best of refused trials, without its effects, if all runs then fit better.
 
     A further effect may only have moved the other parameters out of a local minimum.
     """
@@ -58,7 +58,9 @@ def restart_without(task: EstimationTask, fit: FittedModel, trials: Sequence[Tri
         return fit
     task.progress("fitting from other values")
     restarted = refit(task, trials[0].fit, fit.effects)
-    return fit if restarted is None or fit.cost - restarted.cost <= trials[0].critical_gain else restarted
+    if restarted is None or restarted.validation_chi2 > fit.validation_chi2:
+        return fit
+    return restarted if fit.cost - restarted.cost > trials[0].critical_gain else fit
 
 
 def _search_threshold(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
