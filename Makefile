@@ -96,6 +96,7 @@ $(MADE):
 
 # The lock holds all that its packages need, the build backend and uv: nothing is fetched that has no hash. uv takes half a
 # minute where pip takes three; where it cannot reach the packages, as it does not read the settings of pip, pip does.
+# Nothing is resolved, or the newest version of what an extra needs would be looked at, which the lock does not have.
 $(VENV)/.ready: $(MADE) requirements.lock pyproject.toml
 	@echo "Installing the packages of requirements.lock; the first time takes about a minute"
 	@sed -n '/^uv==/,/# via/p' requirements.lock >$(VENV)/uv.lock

@@ -244,12 +244,11 @@ def search(
         step_forward=step_forward,
     )
     steps, fits = selecting(task, calibration, confirmed=(steps, fits))
-    restarted = (
-        calibration if fits or calibrated_task.is_refused else restart_without(task, calibration, steps[-1].trials)
-    )
-    if restarted is not calibration:
-        task, calibration = replace(task, calibrated_excess=restarted.excess), restarted
-        steps, fits = selecting(task, calibration)
+    if not (fits or calibrated_task.is_refused):
+        restarted = restart_without(task, calibration, steps[-1].trials)
+        if restarted is not calibration:
+            task, calibration = replace(task, calibrated_excess=restarted.excess), restarted
+            steps, fits = selecting(task, calibration)
     last = fits[-1] if fits else calibration
     if not data.runs and (step := add_together(task, last, candidates_, most)) and step.chosen:
         steps, fits = selecting(task, calibration, confirmed=([*steps, step], [*fits, step.chosen.fit]))

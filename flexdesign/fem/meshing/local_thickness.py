@@ -15,7 +15,6 @@ power 4, hence with c^(4/3): measured by c, it lies within the bracket of orders
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -278,8 +277,8 @@ class LocalThickness:
                 raise MeshError(f"{name} is missing in the mesh; reduce mesh.envelope")
             if found.across < LEAST_ACROSS:
                 raise MeshError(
-                    f"{name} of {thickness:.3g} mm has {math.floor(100 * found.across) / 100:g} elements across its "
-                    f"curved neck, {LEAST_ACROSS:g} at least are needed; reduce mesh.at_root"
+                    f"{name} of {thickness:.3g} mm has {found.across_text} elements across its curved neck, "
+                    f"{LEAST_ACROSS:g} at least are needed; reduce mesh.at_root"
                 )
         return checks
 

@@ -84,6 +84,11 @@ class HingeCheck:
         """Whether there are elements enough across a curved neck."""
         return self.across >= LEAST_ACROSS
 
+    @property
+    def across_text(self) -> str:
+        """Elements across a curved neck, rounded down: a number that is refused is below its limit."""
+        return f"{math.floor(100 * self.across) / 100:g}"
+
 
 def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[HingeCheck]:
     """Measure every hinge that lies in the domain.
@@ -110,7 +115,7 @@ def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[Hi
             )
         if not found.resolved:
             raise MeshError(
-                f"{found.hinge.name} has {math.floor(100 * found.across) / 100:g} elements across its curved neck of "
+                f"{found.hinge.name} has {found.across_text} elements across its curved neck of "
                 f"{found.hinge.thickness * 1e3:g} mm, {LEAST_ACROSS:g} at least are needed; reduce mesh.at_root"
             )
     return checks
