@@ -63,10 +63,10 @@ def size(
     from flexdesign.api.result import Result
     from flexdesign.core.result_cache import open_cache
     from flexdesign.report.sweeps import stage_sizing_report
-    from flexdesign.workflows import stage_sizing
+    from flexdesign.workflows import stage_sizing, stage_targets
 
     found: Sizing | StageSizing
-    if stage_sizing.is_stage_targets(targets):
+    if stage_targets.is_stage_targets(targets):
         with progress() as say:
             found = stage_sizing.size(targets, overrides or [], open_cache(cache), say)
         document, table = stage_sizing_report.document(found), stage_sizing_report.targets(found)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from flexdesign.core import units
 from flexdesign.report.document import Document, Section, Table
-from flexdesign.workflows.stage_sizing import Row, StageSizing
+from flexdesign.workflows.stage_sizing import StageSizing
+from flexdesign.workflows.stage_targets import Row
 
 #: Who says what the stage has, by kind of target.
 WHO = {"formulas": "formulas", "arms": "arms that tilt", "elements": "FEM"}
