@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,13 @@ settings.load_profile("flexdesign")
 
 #: A stage with amplifiers on four sides, to which reference values belong.
 FOUR_SIDED = Path(__file__).resolve().parent / "designs" / "four_sided_stage.toml"
+
+
+@pytest.fixture(scope="session")
+def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that all files share, also where pytest-xdist runs them in several processes."""
+    base = tmp_path_factory.getbasetemp()
+    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shared_cache"
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,14 @@ from flexdesign.report.validation import card, export, table_1, validation_pictu
 from flexdesign.report.validation.vibrations import symmetry
 from flexdesign.workflows.validation import Comparison, Validation, validate
 
-COARSE = ["mesh.at_root=0.25", "mesh.largest=6 mm", "mesh.levels=2", "modes.count=1"]
+#: As in test_validation.py, with which this file shares solutions.
+COARSE = ["mesh.levels=2", "mesh.at_root=0.7", "modes.count=1"]
 LARGE, LINEAR = "stroke_output_free_large_displacements", "stroke_output_free"
 
 
 @pytest.fixture(scope="module")
-def validation(tmp_path_factory: pytest.TempPathFactory) -> Validation:
-    return validate(study.read("bridge_amplifier", COARSE), Cache(tmp_path_factory.mktemp("cache")))
+def validation(shared_cache: Path) -> Validation:
+    return validate(study.read("bridge_amplifier", COARSE), Cache(shared_cache))
 
 
 @pytest.mark.parametrize("name", ["first_frequency", "output_frequency", "drive_frequency"])

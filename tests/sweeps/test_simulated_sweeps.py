@@ -52,11 +52,11 @@ evaluator = "simulation"
 def swept(tmp_path: Path) -> Callable[..., Sweep]:
     """Run a sweep over what is said to vary; `step` is what the experiments are."""
 
-    def run(vary: str, step: str = STEP) -> Sweep:
+    def run(vary: str, step: str = STEP, jobs: int = 1) -> Sweep:
         (tmp_path / "stage.toml").write_text(STAGE)
         (tmp_path / "step.toml").write_text(step)
         (tmp_path / "study.toml").write_text(SWEEP + vary)
-        return sweeps.run(sweeps.read(tmp_path / "study.toml"), Store(tmp_path / "out"), jobs=2)
+        return sweeps.run(sweeps.read(tmp_path / "study.toml"), Store(tmp_path / "out"), jobs=jobs)
 
     return run
 
@@ -78,7 +78,7 @@ def test_four_times_the_mass_takes_twice_the_time(swept: Callable[..., Sweep]) -
 def test_answers_are_those_of_the_experiments_alone(swept: Callable[..., Sweep], tmp_path: Path) -> None:
     closed = STEP.replace('["open loop"]', '["robust"]')
     vary = '"axis.x.effects.creep.per_decade" = [0.0, 0.05]\nrobust_ms = [1.4, 1.8]\n"controller.rate" = ["4 kHz"]'
-    found = swept(vary, closed)
+    found = swept(vary, closed, jobs=2)
     assert not found.failed
     for place, case in enumerate(found.cases):
         creep, peak = (float(case.values[key]) for key in ("axis.x.effects.creep.per_decade", "robust_ms"))

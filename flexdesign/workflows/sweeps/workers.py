@@ -129,7 +129,7 @@ class Cluster:
             remedy = "needs Dask: pip install 'flexdesign[cluster]'"
             raise InputError("command line", "--scheduler", address, remedy) from None
         try:
-            self._client = Client(address, timeout="20s")
+            self._client = Client(address)
         except (OSError, ValueError) as error:
             remedy = f"no scheduler answers there ({error}); give the address that dask scheduler prints"
             raise InputError("command line", "--scheduler", address, remedy) from None
