@@ -88,12 +88,6 @@ def test_no_time_is_promised_in_the_last_stage() -> None:
     assert told.said[-1] == "looking at the residual, last stage"
 
 
-def test_after_a_search_in_a_part_of_the_runs_all_begins_again() -> None:
-    part = [(-40.0 + at, text) for at, text in ((0.0, "searching in the first part of each run"), *FOUND[1:7])]
-    assert left_after(*part, *FOUND[1:3]) is None
-    assert left_after(*part, *FOUND[1:5]) == left_after(*FOUND[:5])
-
-
 def test_without_a_screening_of_all_runs_nothing_is_said() -> None:
     confirmed = ((3.0, "fitting with creep, the whole runs"), (9.0, "fitting once more, simulated more exactly"))
     assert left_after(*FOUND[:3], confirmed[0]) is None

@@ -17,9 +17,11 @@ from flexdesign.diagnosis.preparation.windows import is_very_long, windows
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.measurements.recordings import Run, read_runs, splitting
 from studies.benchmarks.diagnosis import case_of
 from studies.hidden_effect_trial import folder
+from tests.estimation.sums import calibrated_stand, effects, task
 
 PERIOD, NOISE = 2e-4, 2e-8
 #: A main mode, and a second one: frequency [Hz], damping ratio, static response [m/V].
@@ -122,6 +124,17 @@ def test_what_may_last_longer_than_a_window_is_searched_in_all_samples(name: str
     assert windowed_selection.is_slow(name) == is_slow
 
 
+def test_what_a_part_of_the_values_chose_is_confirmed_or_refused_by_all() -> None:
+    whole, other = task({"d": 0.3}), task({}, seed=1)
+    chosen = forward(whole, calibrated_stand(whole), effects()).chosen
+    assert chosen is not None and chosen.names == ("d",)
+    trial = windowed_selection.confirm(whole, calibrated_stand(whole), chosen)
+    # The same fit again, to a fraction of what one value of noise costs.
+    assert trial is not None and not trial.reason and trial.gain == pytest.approx(chosen.gain, abs=0.05)
+    refused = windowed_selection.confirm(other, calibrated_stand(other), chosen)
+    assert refused is not None and refused.reason
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", ["1.98e-8", ""], ids=["known noise", "unknown noise"])
 def test_hysteresis_is_found_in_very_long_recordings(
@@ -152,7 +165,4 @@ def test_a_second_mode_is_found_in_a_long_sweep(monkeypatch: pytest.MonkeyPatch)
         assert low - margin < truth[value.parameter.name.rpartition(".")[2]] < high + margin
     assert found.validation_error == pytest.approx(NOISE, rel=0.02)
     assert any("windows" in text for text in said)
-    assert (
-        "Of 60000 samples, effects were searched in the first part of each run, then in 12 windows of 1000"
-        in " ".join(str(found).split())
-    )
+    assert "Of 60000 samples, effects were searched in 12 windows of 1000" in " ".join(str(found).split())

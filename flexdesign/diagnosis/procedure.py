@@ -26,7 +26,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
 from flexdesign.diagnosis.models_without_physics import is_better_linear, smooth_residual_model
-from flexdesign.diagnosis.preparation.dataset import DiagnosisData, first_part, is_long, prepare
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.preparation.oversampling import oversampling_of
@@ -34,7 +34,7 @@ from flexdesign.diagnosis.preparation.windows import describe, is_very_long
 from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
-from flexdesign.diagnosis.windowed_selection import confirm, forward_in_windows
+from flexdesign.diagnosis.windowed_selection import forward_in_windows
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.determination import (
@@ -50,7 +50,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 )
 from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import Step
-from flexdesign.estimation.model_selection.restarts import escape, restart_without
+from flexdesign.estimation.model_selection.restarts import restart_without
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -109,20 +109,13 @@ def diagnose(
         data = choose_interpolation(model, data, each, progress)
         dynamics, task = case_of(model, data, each, progress)
 
-        preliminary, step_forward = None, forward
+        step_forward = forward
         if is_very_long(data):
             remark = describe(data)
             progress(remark)
             data = _with_remark(data, remark)
             step_forward = partial(forward_in_windows, model, data, MOST_EFFECTS)
-        if is_long(data):
-            progress("searching in the first part of each run")
-            short = first_part(data)
-            _, case_of_parts = case_of(model, short, each, progress)
-            _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more))
-        task, history = search(
-            data, task, dynamics, partial(catalogue, data, dynamics, more=more), preliminary, step_forward
-        )
+        task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), step_forward)
         history = _refine_final(task, history)
         history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
@@ -211,7 +204,6 @@ def search(
     task: EstimationTask,
     dynamics: AxisDynamics,
     effects: Callable[[FittedModel], Sequence[Candidate]],
-    preliminary: SelectionHistory | None = None,
     step_forward: Callable[..., Step] = forward,
 ) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the calibrated task, and the history of the selection.
@@ -222,17 +214,12 @@ def search(
         The data, the task before calibration, and the model of the axis.
     effects
         Returns the candidates at the calibrated fit: trial frequencies follow from its residual.
-    preliminary
-        A search in a part of the runs; its effects are fitted first.
     step_forward
         Returns the next forward step, as `forward` does.
     """
-    calibrated_task = calibrate_task(data, task, dynamics, preliminary)
+    calibrated_task = calibrate_task(data, task, dynamics)
     task, calibration = calibrated_task.task, calibrated_task.calibrated
     candidates_ = effects(calibration)
-    steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
-    if fits and fits[-1].exceeds_noise:  # the whole runs may have another minimum than a part of them
-        fits[-1] = escape(task, fits[-1])
     most = MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES
     selecting = partial(
         select,
@@ -243,7 +230,7 @@ def search(
         vary=partial(vary_by_run, task),
         step_forward=step_forward,
     )
-    steps, fits = selecting(task, calibration, confirmed=(steps, fits))
+    steps, fits = selecting(task, calibration)
     if not (fits or calibrated_task.is_refused):
         restarted = restart_without(task, calibration, steps[-1].trials)
         if restarted is not calibration:
@@ -260,15 +247,3 @@ def search(
         calibrated_task.undetermined,
         calibrated_task.is_refused,
     )
-
-
-def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], list[FittedModel]]:
-    """Return the steps of a selection in a part of the runs that the whole runs confirm, and the fits after them."""
-    confirmed, fits = list[Step](), list[FittedModel]()
-    for step in steps:
-        if step.chosen is None or (trial := confirm(task, fit, step.chosen)) is None or trial.reason:
-            break
-        fit = trial.fit
-        fits.append(fit)
-        confirmed.append(replace(step, chosen=trial))
-    return confirmed, fits

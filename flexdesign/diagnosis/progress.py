@@ -22,7 +22,6 @@ TYPICAL = {FITS: 4.0, SECOND_SCREENING: 1.9, ENDING: 0.85}
 FOLLOWS = {FITS: (SECOND_SCREENING, ENDING), SECOND_SCREENING: (ENDING,)}
 #: How the words of `flexdesign.diagnosis` begin where a stage does.
 WORDS = {
-    "searching in the first part": PREPARATION,
     "predicting with the model as it is": PREPARATION,
     "screening the catalogue": SCREENING,
     "screening with": SECOND_SCREENING,

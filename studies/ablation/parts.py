@@ -73,7 +73,6 @@ PARTS: tuple[Part, ...] = (
         _false,
     ),
     Part(f"{_SELECTION}.fitted_model", "refine", "fits once more, simulated more exactly", _second),
-    Part(f"{_PREPARATION}.dataset", "is_long", "searches long runs in their first part", _false),
     Part(
         f"{_EFFECTS}.per_run_parameters",
         "vary_step",

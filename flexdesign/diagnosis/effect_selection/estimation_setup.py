@@ -27,7 +27,6 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
     with_initial_conditions,
 )
 from flexdesign.diagnosis.preparation.windows import is_very_long, windows
-from flexdesign.diagnosis.result import SelectionHistory
 from flexdesign.dynamics.axis.axis_model import STEPS_PER_PERIOD, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import (
     HYSTERESIS_PARAMETERS,
@@ -47,7 +46,6 @@ from flexdesign.estimation.model_selection.fitted_model import (
     fit_initial_states,
     fit_model,
     solve_case,
-    with_values,
 )
 from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT
 from flexdesign.estimation.model_selection.prediction_change import difference
@@ -261,7 +259,6 @@ def calibrate_task(
     data: DiagnosisData,
     task: EstimationTask,
     dynamics: AxisDynamics,
-    preliminary: SelectionHistory | None = None,
 ) -> CalibratedTask:
     """Fit the parameters of the model itself, and prepare the task for added effects.
 
@@ -275,10 +272,7 @@ def calibrate_task(
     task = replace(task, free=tuple(name for name in task.free if name not in held))
     nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
     task.progress("calibrating")
-    if preliminary is None:
-        fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
-    else:
-        fit = fit_model(task, with_values(dynamics, preliminary.calibration.model))
+    fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
     if fit is not None:  # the ringing of a mode follows from its calibrated frequency and damping
         task = with_calibrated_conditions(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         fit = fit_model(task, fit.model)

@@ -1,1 +1,1 @@
-"""From recordings to a data set: noise, validation runs, initial conditions, truncated runs, quantisation."""
+"""From recordings to a data set: noise, validation runs, initial conditions, windows, quantisation."""

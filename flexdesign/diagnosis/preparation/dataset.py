@@ -31,8 +31,8 @@ OF_NOISE, OF_STROKE = 0.3, 5e-4
 ROUNDING_DRAWS = 400
 #: The largest command of an axis without a stated limit [V].
 UNLIMITED_COMMAND = 100.0
-#: Number of values of a preliminary search, for which runs of more than `LONG_RUNS` values in all are truncated.
-SAMPLES_SEARCHED, LONG_RUNS = 12_000, 40_000
+#: Number of values in which very long recordings are searched; from as many on, runs are tested for oversampling.
+SAMPLES_SEARCHED = 12_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,39 +328,3 @@ def of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
 
 def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return axis.prior([*LINEAR_PARAMETERS, *(HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in axis.effects else ())])
-
-
-# --- the first part of long runs -------------------------------------------------------------------------------------
-
-
-def is_long(data: DiagnosisData) -> bool:
-    """Tell whether runs are searched in their first part.
-
-    If the noise is unknown, they are not: evidence is then weighted by the explained share of the residual, which
-    differs in a part of the runs.
-    """
-    return sum(len(run.time) for run in data.runs) >= LONG_RUNS and data.noise.known
-
-
-def first_part(data: DiagnosisData) -> DiagnosisData:
-    """Return the data set with its runs cut after a number of values, the same for all.
-
-    Most effects of long runs show in their first part, where a search is faster. The whole runs confirm or reject them,
-    and are searched for further effects.
-    """
-    lengths = sorted(len(run.time) for run in data.runs)
-    cut, left = 0, SAMPLES_SEARCHED
-    for count, length in zip(range(len(lengths), 0, -1), lengths, strict=True):
-        cut = max(1, left // count)
-        if cut <= length:
-            break
-        left -= length
-    return replace(data, runs=tuple(_part(run, cut) for run in data.runs))
-
-
-def _part(run: Run, cut: int) -> Run:
-    """Return a run up to a number of values; the first to be read there, if it begins with a gap as long."""
-    read = np.flatnonzero(np.isfinite(run.measured()))
-    cut = max(cut, int(read[0]) + 2 if len(read) else cut)
-    columns = {name: values[:cut] for name, values in run.columns.items()}
-    return replace(run, time=run.time[:cut], columns=columns)

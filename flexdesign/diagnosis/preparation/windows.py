@@ -1,10 +1,10 @@
 """Windows of very long recordings, in which the effect of the next step is searched.
 
-A search fits dozens of models, and a simulation of all values takes as long as they are many. After a search in the
-first part of each run it therefore uses windows, more of them where the present model fails: systematic sampling with
-probability proportional to size (Madow 1949, Ann. Math. Statist. 20, 333-354). The size of a block is the sum of its
-squared residuals plus the mean of all blocks, so that half of the windows are spread evenly. A window is simulated from
-its own initial state, after a lead of the recorded command in which the mode forgets what happened before.
+A search fits dozens of models, and a simulation of all values takes as long as they are many. It therefore uses
+windows, more of them where the present model fails: systematic sampling with probability proportional to size (Madow
+1949, Ann. Math. Statist. 20, 333-354). The size of a block is the sum of its squared residuals plus the mean of all
+blocks, so that half of the windows are spread evenly. A window is simulated from its own initial state, after a lead
+of the recorded command in which the mode forgets what happened before.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexdesign.core.arrays import Array
-from flexdesign.diagnosis.preparation.dataset import SAMPLES_SEARCHED, DiagnosisData, is_long, of_blocks
+from flexdesign.diagnosis.preparation.dataset import SAMPLES_SEARCHED, DiagnosisData, of_blocks
 from flexdesign.measurements.recordings import Run
 
 #: Number of values above which recordings are searched in windows: each further hundred thousand would take minutes.
@@ -34,9 +34,8 @@ def is_very_long(data: DiagnosisData) -> bool:
 
 def describe(data: DiagnosisData) -> str:
     """Return what is done with very long recordings, a sentence without its full stop."""
-    first = "the first part of each run, then in " if is_long(data) else ""
     return (
-        f"of {_recorded(data)} samples, {SEARCHED} {first}{_count(data)} windows of {_length(data)} where the model "
+        f"of {_recorded(data)} samples, {SEARCHED} {_count(data)} windows of {_length(data)} where the model "
         "fails most, and slow ones in all; what was found is fitted to all samples and checked on all"
     )
 

@@ -72,7 +72,7 @@ def select(
     most
         Largest number of effects.
     confirmed
-        Steps of a preliminary selection that were confirmed, and the fits after them.
+        Steps that were taken before, and the fits after them.
     expansion_points
         See `forward`; used at the first step.
     vary_step, vary
