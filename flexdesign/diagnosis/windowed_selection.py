@@ -45,7 +45,6 @@ def forward_in_windows(
     task: EstimationTask,
     fit: FittedModel,
     candidates: Sequence[Candidate],
-    origins: Sequence[FittedModel] = (),
 ) -> Step:
     """Return the forward step of a selection in very long recordings; see the module.
 
@@ -55,13 +54,13 @@ def forward_in_windows(
         The stage model and all values.
     most
         Largest number of effects.
-    task, fit, candidates, origins
+    task, fit, candidates
         As those of `forward`, for all values.
     """
     refused = list[Trial]()
     task.progress("searching in windows in which the model fails most")
     parts = windows(data, fit.residuals_by_run)
-    for step in _steps(model, parts, most, task, fit, candidates, is_gross=bool(origins)):
+    for step in _steps(model, parts, most, task, fit, candidates):
         trial = None if step.chosen is None else confirm(task, fit, step.chosen)
         others = [
             each if each.reason or each in step.rivals else replace(each, reason=WORSE_IN_WINDOWS)
@@ -72,7 +71,7 @@ def forward_in_windows(
             return Step(trial, (trial, *others))
         refused += [*([] if trial is None else [trial]), *(each for each in others if each.reason)]
     task.progress("searching slow effects in all samples")
-    slow = forward(task, fit, [each for each in candidates if is_slow(each.name)], origins)
+    slow = forward(task, fit, [each for each in candidates if is_slow(each.name)])
     return replace(slow, trials=(*slow.trials, *refused))
 
 
@@ -92,8 +91,6 @@ def _steps(
     whole: EstimationTask,
     fit: FittedModel,
     candidates: Sequence[Candidate],
-    *,
-    is_gross: bool,
 ) -> Iterator[Step]:
     """Yield forward steps in windows, from the effects of a fit to all values.
 
@@ -109,13 +106,12 @@ def _steps(
     # The parameters keep the values that fit all samples: windows about an error of the model would lead them astray.
     own = evaluate_design(task, task.fine(begun), fit.effects)
     task = replace(task, calibrated_excess=own.excess)
-    origins = (evaluate_design(with_calibrated_conditions(task, dynamics), dynamics),) if is_gross else ()
     while len(own.effects) < most:
-        step = forward(task, own, candidates, origins)
+        step = forward(task, own, candidates)
         yield step
         if step.chosen is None:
             return
-        own, origins = step.chosen.fit, ()
+        own = step.chosen.fit
 
 
 def confirm(task: EstimationTask, fit: FittedModel, chosen: Trial) -> Trial | None:

@@ -39,7 +39,7 @@ GROSS_MISFIT = 30.0
 class _Start:
     """Where a fit with further effects starts: at a fit without them, in the directions of one or two trials."""
 
-    origin: FittedModel
+    fit: FittedModel
     directions: tuple[Direction, ...]
 
     @property
@@ -53,7 +53,7 @@ class _Start:
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
-        return (*self.origin.effects, *(direction.candidate for direction in self.directions))
+        return (*self.fit.effects, *(direction.candidate for direction in self.directions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,20 +69,16 @@ class Entry:
         return self.start.names
 
 
-def screen(
-    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
-) -> tuple[float, list[Entry]]:
+def screen(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate]) -> tuple[float, list[Entry]]:
     """Return the critical value of the largest score, and quick fits of candidates with a sufficient score, best first.
 
     Parameters are those of `forward`.
     """
     left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
     task.progress("screening the catalogue" if not fit.effects else f"screening with {', '.join(fit.names)}")
-    score, starts = 0.0, list[_Start]()
-    for origin in (fit, *origins):
-        screening = Screening(origin.solution, left, task.coarse)
-        score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
-        starts += _starts(origin, screening, PROMISING_SHARE * max(score, SHARE * origin.excess))
+    screening = Screening(fit.solution, left, task.coarse)
+    score = screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
+    starts = _starts(fit, screening, PROMISING_SHARE * max(score, SHARE * fit.excess))
 
     def quickly(start: _Start) -> Entry | None:
         task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
@@ -108,17 +104,12 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         return None if found is None else replace(entry, solution=found)
 
     best = entries[:ROUGH_FITS]
-    others = [e for e in entries[ROUGH_FITS:] if e.start.origin is fit and len(e.names) == 1]
+    others = [entry for entry in entries[ROUGH_FITS:] if len(entry.names) == 1]
     others.sort(key=lambda e: -e.start.predicted_reduction)
     return _best_by_names(task.each(roughly, [*best, *others[:ROUGH_FITS_BY_SCORE]]))
 
 
-def forward(
-    task: EstimationTask,
-    fit: FittedModel,
-    candidates: Sequence[Candidate],
-    expansion_points: Sequence[FittedModel] = (),
-) -> Step:
+def forward(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate]) -> Step:
     """Return the forward step: its trials, and the best addition or none.
 
     Parameters
@@ -127,10 +118,8 @@ def forward(
         The runs, and the present fit.
     candidates
         The catalogue.
-    expansion_points
-        Further fits from which additions are tried, such as the design if calibration led astray.
     """
-    score, entries = screen(task, fit, candidates, expansion_points)
+    score, entries = screen(task, fit, candidates)
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
@@ -163,7 +152,7 @@ def _in_two_steps(
     return [compare(task, fit, added.fit, (*single.names, *added.names), score)]
 
 
-def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
+def _starts(fit: FittedModel, screening: Screening, enough: float) -> list[_Start]:
     """Return starting points: the best trials of each candidate, and pairs with a larger score than single ones."""
     best = screening.best()
 
@@ -172,7 +161,7 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
         return screening.at_best_strength(direction) if direction.candidate.has_own_trials else direction
 
     def start(*directions: Direction) -> _Start:
-        return _Start(origin, tuple(map(beginning, directions)))
+        return _Start(fit, tuple(map(beginning, directions)))
 
     found = [
         start(each)
@@ -216,9 +205,9 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
     A limit moves the prediction so far that the Jacobian without it misleads, as does one at a gross misfit: it is
     then computed at the start. At a gross misfit the initial states of runs mislead as well, and are held.
     """
-    origin, model, values = start.origin, start.origin.model, dict[str, float]()
-    old = dict(origin.solution.columns())
-    ends = np.cumsum([record.rows for record in origin.solution.problem.dataset.records])[:-1]
+    fit, model, values = start.fit, start.fit.model, dict[str, float]()
+    old = dict(fit.solution.columns())
+    ends = np.cumsum([record.rows for record in fit.solution.problem.dataset.records])[:-1]
     for direction in start.directions:
         model = direction.candidate.add(model)
         values |= direction.start
@@ -227,7 +216,7 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
             old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
-    is_gross = origin.scale > GROSS_MISFIT
+    is_gross = fit.scale > GROSS_MISFIT
     is_misleading = is_gross or any(direction.candidate.has_own_trials for direction in start.directions)
     model, effort = task.coarse(model.replace(begun)), replace(QUICK, holds_initial_states=is_gross)
     found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=effort)
