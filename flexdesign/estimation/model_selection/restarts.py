@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import SHARE
@@ -18,8 +17,6 @@ from flexdesign.estimation.model_selection.fitted_model import (
 )
 from flexdesign.estimation.model_selection.model_comparison import Trial
 
-#: Least number of runs, one of which may be left out.
-FEWEST_RUNS = 2
 #: First factors by which thresholds are changed: smaller changes are within the reach of derivatives; and the largest
 #: number of times that such a step is doubled, to a factor of 1e5.
 THRESHOLD_FACTORS, MOST_DOUBLINGS = (1.1, 0.9), 8
@@ -78,33 +75,3 @@ def _search_threshold(task: EstimationTask, fit: FittedModel, name: str) -> Solu
                 break
             best, cost, model = rough, rough.cost, rough.problem.at(rough.x)
     return best
-
-
-def leave_out_worst(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return the best of fits restarted from one without the run that fits worst.
-
-    A run with a wrong initial state of hysteresis moves all parameters away from the minimum in which its right state
-    would be found. If the restart explains at least `SHARE` of the excess of chi^2, it is repeated.
-    """
-    dataset = fit.solution.problem.dataset
-    has_initial_states = any(p.run and p.screen for p in fit.model.parameters())
-    if not fit.exceeds_noise or len(dataset.records) <= FEWEST_RUNS or not has_initial_states:
-        return fit
-    squares = [float(part @ part) for part in fit.solution.residuals]
-    ratios = [total / len(part) for total, part in zip(squares, fit.solution.residuals, strict=True)]
-    place = ratios.index(max(ratios))
-    worst = dataset.records[place].observation.name
-    task.progress(f"fitting with {' and '.join(fit.names)}, without the run {worst} at first")
-    others = solve_case(
-        replace(task, identify=dataset.part([name for name in dataset.names if name != worst])), fit.model, fit.effects
-    )
-    if others is None:
-        return fit
-    model = others.problem.at(others.x)
-    initialised = search_initial_states(task, dataset, model)
-    # If the other runs fit no better, and no initial state changed, a restart would not help.
-    if initialised is model and sum(squares) - squares[place] - others.misfit <= SHARE * fit.excess:
-        return fit
-    restarted = fit_model(task, initialised, fit.effects)
-    better = fit if restarted is None else _better(fit, escape(task, restarted, ()))
-    return leave_out_worst(task, better) if fit.cost - better.cost > SHARE * fit.excess else better

@@ -29,7 +29,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     is_indistinguishable,
     rank,
 )
-from flexdesign.estimation.model_selection.restarts import escape, leave_out_worst
+from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Largest number of effects in a group of confounded effects.
@@ -90,7 +90,6 @@ def select(
             elif len(made.effects) > 1:
                 steps, other = replace_effects(task, made, steps)
                 made = made if other is made else backward(task, other, other.names)
-            made = None if made is None else leave_out_worst(task, made)
         if made is None:
             made = vary(fit)
             if made is fit:
