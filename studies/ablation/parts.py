@@ -88,12 +88,6 @@ PARTS: tuple[Part, ...] = (
         lambda task, fit, steps: (list(steps), fit),
     ),
     Part(
-        f"{_SELECTION}.stepwise_selection",
-        "_without_imitations",
-        "names no imitation of a small effect",
-        lambda task, steps, fits: fits,
-    ),
-    Part(
         f"{_SELECTION}.model_comparison",
         "_choose",
         "of approximations takes the one that predicts better",

@@ -502,23 +502,6 @@ def test_a_selection_goes_on_from_confirmed_steps() -> None:
     assert select(about, before, [], 2, confirmed=([first], [known]))[1] == [known]
 
 
-def test_what_imitates_a_small_effect_is_not_named() -> None:
-    """Where the small one is in the model, nothing remains for the imitation to explain; what is needed stays."""
-    about, every = task({"b": 0.3, "c": 0.08}), effects()
-    imitation = candidate("m", {"c": 1.0, "other": 0.5}, signed=True)
-    needed, both = fit_with(about, every[1:2]), fit_with(about, [every[1], imitation])
-    larger = fit_with(about, [every[1], imitation, every[2]])
-    trial = compare(about, both, larger, ("c",), 10.0)
-    small = dataclasses.replace(trial, reason="moves the prediction by less than the tolerance", is_small=True)
-    for refused, names in ((small, [("b",)]), (dataclasses.replace(small, is_small=False), [("b",), ("b", "m")])):
-        last = Step(None, (refused,))
-        assert [fit.names for fit in stepwise_selection._without_imitations(about, [last], [needed, both])] == names
-    # Where nothing else was named, nothing is.
-    alone, with_small = fit_with(about, [imitation]), fit_with(about, [imitation, every[2]])
-    trial = dataclasses.replace(compare(about, alone, with_small, ("c",), 10.0), is_small=True)
-    assert stepwise_selection._without_imitations(about, [Step(None, (trial,))], [alone]) == []
-
-
 def test_of_an_effect_that_is_there_twice_the_first_stays() -> None:
     """Whichever is dropped: what is named is the first one, with the numbers of the one that the runs need."""
     about, every = task({"b": 0.3, "e": -0.2}), effects()

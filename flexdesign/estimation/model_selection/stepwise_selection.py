@@ -95,7 +95,7 @@ def select(
             if made is fit:
                 break
         fits = _nested([*fits, made])
-    return steps, _without_imitations(task, steps, fits)
+    return steps, fits
 
 
 def _nested(fits: Sequence[FittedModel]) -> list[FittedModel]:
@@ -111,24 +111,6 @@ def _with_step(task: EstimationTask, fit: FittedModel, step: Step) -> FittedMode
     doubtful = fit.names if len(step.chosen.names) == 1 else step.chosen.fit.names
     made = backward(task, step.chosen.fit, doubtful)
     return None if {*made.names} == {*fit.names} else made  # the added effect itself was superfluous
-
-
-def _without_imitations(task: EstimationTask, steps: Sequence[Step], fits: list[FittedModel]) -> list[FittedModel]:
-    """Return the fits without effects that imitate a small one.
-
-    Such an effect loses its evidence once the small one is in the model, which moves the prediction too little to be
-    named itself.
-    """
-    for trial in steps[-1].trials if fits and steps else ():
-        if not trial.is_small or not {*fits[-1].names} <= {*trial.fit.names}:
-            continue
-        kept = backward(task, trial.fit, fits[-1].names).names
-        rest = tuple(effect for effect in fits[-1].effects if effect.name in kept)
-        if len(rest) == len(fits[-1].effects):
-            continue
-        made = refit(task, fits[-1], rest) if rest else None
-        return [] if made is None else _nested([*fits, made])
-    return fits
 
 
 # --- alternatives ---------------------------------------------------------------------------------------------------
