@@ -174,12 +174,12 @@ def test_recordings_are_diagnosed_without_the_parts_that_act(
     monkeypatch.setattr(trial, "ProcessPoolExecutor", _Here)
     monkeypatch.setattr(recordings, "as_completed", list)
     monkeypatch.setattr(recordings, "answer", answered)
-    monkeypatch.setattr(parts, "PARTS", tuple(BY_KEY[key] for key in ("escape", "jumps", "refine")))
+    monkeypatch.setattr(parts, "PARTS", tuple(BY_KEY[key] for key in ("escape", "jumps", "choose")))
     for _ in range(2):
         assert command.main(["--recordings", str(tmp_path / "data"), "--out", str(tmp_path)]) == 0
     assert asked == ["", "escape", "jumps"]
     printed = capsys.readouterr().out.splitlines()
-    assert printed[:4] == ["all parts  creep, 1 nm", "escape  creep, 2 nm", "jumps  same", "refine  –"]
+    assert printed[:4] == ["all parts  creep, 1 nm", "escape  creep, 2 nm", "jumps  same", "choose  –"]
     assert "| escape | restarts" in (tmp_path / "recordings" / "report.md").read_text()
 
 

@@ -20,8 +20,7 @@ FOUND = (
     (6.0, "trying creep"),
     (7.0, "fitting with creep"),
     (13.0, "screening with creep"),
-    (16.0, "fitting once more, simulated more exactly"),
-    (17.0, "looking at the residual"),
+    (16.0, "looking at the residual"),
     (18.0, "predicting the test runs"),
 )
 SCREENING = 2.0
@@ -79,7 +78,7 @@ def test_a_stage_that_lasts_long_is_taken_to_last_as_long_again() -> None:
 
 def test_no_time_is_promised_in_the_last_stage() -> None:
     told = Told()
-    assert [told.say(*word) for word in FOUND][-3:] == [None] * 3
+    assert [told.say(*word) for word in FOUND][-2:] == [None] * 2
     assert told.said[-1] == "predicting the test runs, last stage"
     told = Told()
     for word in FOUND[:4]:
@@ -89,7 +88,7 @@ def test_no_time_is_promised_in_the_last_stage() -> None:
 
 
 def test_without_a_screening_of_all_runs_nothing_is_said() -> None:
-    confirmed = ((3.0, "fitting with creep, the whole runs"), (9.0, "fitting once more, simulated more exactly"))
+    confirmed = ((3.0, "fitting with creep, the whole runs"), (9.0, "looking at the residual"))
     assert left_after(*FOUND[:3], confirmed[0]) is None
     assert left_after(*FOUND[:3], *confirmed) is None
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
-    PREDICTION_ERROR,
     calibrate_task,
     case_of,
     choose_interpolation,
@@ -46,7 +45,6 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     predict_tests,
-    refine,
 )
 from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import Step
@@ -132,12 +130,7 @@ def _with_remark(data: DiagnosisData, remark: str) -> DiagnosisData:
 
 
 def _refine_final(task: EstimationTask, history: SelectionHistory) -> SelectionHistory:
-    """Return the history with its last fit simulated more exactly, and restarted where a profile finds a better one."""
-    # Simulation errors matter unless they are small compared with the errors of the fitted parameters.
-    samples = history.final.solution.problem.dataset.samples
-    if history.final.effects and PREDICTION_ERROR**2 * samples > history.final.discrepancy:
-        task.progress("fitting once more, simulated more exactly")
-        history = history.with_final(refine(task, history.final))
+    """Return the history with its last fit restarted where a profile finds a better one."""
     task.progress("looking at the residual")
     if history.final.effects:
         history = history.with_final(restart_from_profiles(task, history.final))

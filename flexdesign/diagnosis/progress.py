@@ -25,7 +25,6 @@ WORDS = {
     "predicting with the model as it is": PREPARATION,
     "screening the catalogue": SCREENING,
     "screening with": SECOND_SCREENING,
-    "fitting once more": ENDING,
     "looking at the residual": ENDING,
 }
 #: Words of a fit.

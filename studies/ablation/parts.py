@@ -71,7 +71,6 @@ PARTS: tuple[Part, ...] = (
         "holds kinked initial states",
         _false,
     ),
-    Part(f"{_SELECTION}.fitted_model", "refine", "fits once more, simulated more exactly", _second),
     Part(
         f"{_EFFECTS}.per_run_parameters",
         "vary_step",

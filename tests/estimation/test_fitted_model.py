@@ -133,23 +133,6 @@ def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> 
     )
 
 
-def test_a_last_fit_is_made_with_the_finest_model() -> None:
-    """The coarse one is off by a hundredth of the noise in a column that the gain imitates."""
-    fine = stage()
-    coarse = fine.plus(lambda v, run: 0.01 * column(run, "p"), strength("none"))
-    about = task({})
-    fit = fitted_model.fit_model(about, coarse)
-    assert fit is not None
-    last = fitted_model.refine(
-        dataclasses.replace(about, finest=lambda model: fitted_model.with_values(fine, model)), fit
-    )
-    values, before = (each.solution.problem.where.values(each.solution.x) for each in (last, fit))
-    assert values["p"] - before["p"] == pytest.approx(0.01, rel=0.02)
-    assert last.cost == pytest.approx(fit.cost, abs=1e-3)
-    failing = fine.plus(lambda v, run: np.full(N, np.nan), strength("none"))
-    assert fitted_model.refine(dataclasses.replace(about, finest=lambda _: failing), fit) is fit
-
-
 # --- the residual ---------------------------------------------------------------------------------------------------
 
 

@@ -6,7 +6,7 @@ The parameters of the model itself are fitted first (calibration), those from fi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
@@ -58,8 +58,6 @@ PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
 #: for [s], or of a twentieth of a period of a slow mode.
 MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
-#: The same for the final values: many samples determine them far better than their noise.
-FINAL_PREDICTION_ERROR, MOST_FINAL_STEPS = 0.002, 64
 #: Largest trigger delay of a run, in standard deviations of its prior, in the model as designed and if there is only
 #: one run: otherwise the trigger delay would stand for a lag that the model lacks. Several runs may share a delay.
 PRIOR_BOUND = 4.0
@@ -120,17 +118,6 @@ def _from_rest(axis: AxisModel) -> AxisModel:
     return replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": 0.0}})
 
 
-def correct_steps(of: AxisDynamics, runs: Sequence[Run], tolerance: float, each: Any) -> AxisDynamics:
-    """Return a model with predictions corrected by their change with finer steps, at the present values.
-
-    The correction hardly differs nearby, so that a fit has the accuracy of fine steps at the cost of coarse ones
-    (defect correction: Stetter 1978, Numerische Mathematik 29, 425-443).
-    """
-    plain, fine = replace(of, corrections={}), of.refined(tolerance).with_steps(MOST_FINAL_STEPS)
-    changes = each(lambda run: fine.predict(run) - plain.predict(run), runs)
-    return replace(plain, corrections={run.name: change for run, change in zip(runs, changes, strict=True)})
-
-
 def case_of(
     model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
 ) -> tuple[AxisDynamics, EstimationTask]:
@@ -142,7 +129,6 @@ def case_of(
     is_fast = slow <= 2 * STEPS_OF_SCREENING
     screening, fine = STEPS_OF_SCREENING if is_fast else slow, max(MOST_STEPS, 2 * slow)
     exact = float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
-    at_last = FINAL_PREDICTION_ERROR / PREDICTION_ERROR * exact
     dynamics = AxisDynamics(
         data.name,
         _from_rest(data.axis),
@@ -150,7 +136,7 @@ def case_of(
         tolerance=exact,
         delay=model.controller.delay,
         finest=fine,
-        margin=1,  # the final values are fitted with far more steps
+        margin=1,
         apart=tuple(run.name for run in data.runs),
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * max_command) for run in data.runs),
@@ -174,7 +160,6 @@ def case_of(
         # Long sampling periods mostly need few steps: their number is found, up to the largest that may be needed.
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
-        finest=lambda of: correct_steps(cast(AxisDynamics, of), data.runs, at_last, each),
         each=each,
         progress=progress,
         noise_rms=data.known_noise_rms,

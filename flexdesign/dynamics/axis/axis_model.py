@@ -103,8 +103,6 @@ class AxisDynamics:
     by_run
         Numbers of effects that differ from run to run, with the standard deviation that each run's may have, SI. The
         axis has the mean; a run its deviation, ``RUN:sensor_drift.rate``.
-    corrections
-        What is added to the prediction of a run [response], by its name; new steps clear them.
     """
 
     name: str
@@ -122,7 +120,6 @@ class AxisDynamics:
     highest: float = math.inf
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     by_run: Mapping[str, float] = field(default_factory=dict)
-    corrections: Mapping[str, Array] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.steps.at is None:
@@ -189,11 +186,11 @@ class AxisDynamics:
     def refined(self, tolerance: float | None = None) -> AxisDynamics:
         """Return the model with steps found anew at its present values, perhaps for another tolerance."""
         steps = Steps(self.axis, self.delay)
-        return replace(self, tolerance=tolerance or self.tolerance, steps=steps, corrections={})
+        return replace(self, tolerance=tolerance or self.tolerance, steps=steps)
 
     def with_steps(self, finest: int, *, fixed: bool = False) -> AxisDynamics:
         """Return the model with steps found anew: at most this number in a sample, or exactly this number."""
-        return replace(self, finest=finest, fixed=fixed, steps=Steps(), corrections={})
+        return replace(self, finest=finest, fixed=fixed, steps=Steps())
 
     def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:
         """Return the model with an effect added, at its start values scaled to this stroke.
@@ -244,8 +241,7 @@ class AxisDynamics:
             return parts(self.response(observation))
         if not isinstance(observation, Run):
             raise TypeError("an axis predicts runs and frequency responses")
-        reading = self._reading(observation, self.steps_for(observation))
-        return reading + self.corrections.get(observation.name, 0.0)
+        return self._reading(observation, self.steps_for(observation))
 
     def response(self, measured: FrequencyResponse, frequencies: Array | None = None) -> NDArray[np.complex128]:
         """Return the response about the working point of a measured one, at its lines or other ones [response/V]."""

@@ -31,9 +31,8 @@ class EstimationTask:
         Returns a model without the effects that were added to it.
     tolerance
         Least change of the prediction of a validation run by an effect, rms [response].
-    coarse, fine, finest
-        Return a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
-        are small compared with those of the fitted parameters, which are far below the noise.
+    coarse, fine
+        Return a model that is simulated less exactly and faster, for screening; and exactly.
     each
         Maps simulations, and fits, perhaps over threads; see `least_squares.parallel_map`.
     progress
@@ -68,7 +67,6 @@ class EstimationTask:
     tolerance: float
     coarse: Callable[[Model], Model] = lambda model: model
     fine: Callable[[Model], Model] = lambda model: model
-    finest: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     calibrated_excess: float = 0.0

@@ -13,7 +13,7 @@ from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model, parameter_of
 from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, is_undetermined
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
-from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, FULL, Columns, Effort, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.multistart import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -300,21 +300,6 @@ def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[C
             dropped[effect.name], effect = effect, first
         kept.append(effect)
     return tuple(kept), values
-
-
-def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return a fit whose simulation errors are small compared with the errors of the fitted parameters.
-
-    N samples of noise s leave an error of s / sqrt(N) in a value. A systematic error of the prediction by a small share
-    of the noise changes the value by as much. The Jacobian of the fit is used again, as it need not be so exact. The
-    second fit uses the correction by fine steps at the end of the first, see `EstimationTask.finest`.
-    """
-    for effort in (Effort(2, is_exact=False), FOLLOWING):
-        refined = fit_model(task, task.finest(fit.model), fit.effects, old=fit.solution.columns(), effort=effort)
-        if refined is None:
-            break
-        fit = refined
-    return fit
 
 
 def with_effects(model: Model, effects: Sequence[Candidate]) -> Model:
