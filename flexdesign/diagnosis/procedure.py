@@ -36,11 +36,7 @@ from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
 from flexdesign.diagnosis.windowed_selection import forward_in_windows
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.model_selection.determination import (
-    drop_undetermined,
-    hold_undetermined,
-    restart_from_profiles,
-)
+from flexdesign.estimation.model_selection.determination import hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -114,7 +110,7 @@ def diagnose(
             data = _with_remark(data, remark)
             step_forward = partial(forward_in_windows, model, data, MOST_EFFECTS)
         task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), step_forward)
-        history = _refine_final(task, history)
+        progress("looking at the residual")
         history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
         diagnosis = diagnosis_of(model, data, history, conclusion)
@@ -129,27 +125,14 @@ def _with_remark(data: DiagnosisData, remark: str) -> DiagnosisData:
     return replace(data, runs=tuple(replace(run, remarks=(*run.remarks, remark)) for run in data.runs))
 
 
-def _refine_final(task: EstimationTask, history: SelectionHistory) -> SelectionHistory:
-    """Return the history with its last fit restarted where a profile finds a better one."""
-    task.progress("looking at the residual")
-    if history.final.effects:
-        history = history.with_final(restart_from_profiles(task, history.final))
-    return history
-
-
 def _conclude(
     data: DiagnosisData, task: EstimationTask, history: SelectionHistory, dynamics: AxisDynamics
 ) -> tuple[SelectionHistory, Conclusion]:
     """Return the history with the parameters that the named effects leave undetermined, and the conclusion."""
     smooth_model = smooth_residual_model(data, task, history.final)
     verdict, named, refusal = decide(data, task, history, smooth_model)
-    determined, held_for_strength = drop_undetermined(task, named)
-    if {*determined.names} < {*named.names}:  # the remaining effects must still explain enough
-        kept = replace(history, fits=history.levels_to(determined)[1:])
-        verdict, determined, _ = decide(data, task, kept, smooth_model)
-        refusal = refusal or "the 95 % interval of its strength holds its null"
-    named, held = hold_undetermined(task, determined)
-    history = replace(history, undetermined=(*history.undetermined, *held_for_strength, *held))
+    named, held = hold_undetermined(task, named)
+    history = replace(history, undetermined=(*history.undetermined, *held))
     groups = confusable(task, named, history.steps)
     is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, smooth_model)
     reported_conflicts, implied_effects = shown(data, task, named, conflicts(data, named), is_done=is_done)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, cast
 
 import numpy as np
@@ -222,10 +222,6 @@ class SelectionHistory:
         """Return the fits from the calibrated one to `named`, whose effects are named."""
         place = next(i for i, fit in enumerate(self.levels) if {*named.names} <= {*fit.names})
         return (*self.levels[:place], named)
-
-    def with_final(self, fit: FittedModel) -> SelectionHistory:
-        """Return the history with another last fit of the same effects."""
-        return replace(self, fits=(*self.fits[:-1], fit))
 
 
 @dataclass(frozen=True, eq=False)

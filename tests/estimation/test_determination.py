@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, linearise
 from flexdesign.estimation.model_selection import determination
 from flexdesign.estimation.model_selection.determination import (
-    drop_undetermined,
     hold_undetermined,
     relevant_ends,
-    restart_from_profiles,
 )
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.uncertainty.identifiability import Estimate
 from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
 from tests.estimation.toys import Array, parameter
 
@@ -67,50 +60,6 @@ def test_a_number_known_to_no_half_of_its_range_is_held() -> None:
             assert "d.more" not in held.solution.problem.where.names
             assert held.cost - found.cost < 10
             assert number(held, "d") == pytest.approx(STRENGTH, abs=0.03)
-
-
-@pytest.mark.parametrize(("truth", "named"), [(STRENGTH, ("d",)), (0.0, ())])
-def test_an_effect_whose_interval_holds_its_null_is_dropped(truth: float, named: tuple[str, ...]) -> None:
-    about = task({"d": truth} if truth else {})
-    found, held = drop_undetermined(about, fit_with(about, [candidate("d")]))
-    assert found.names == named and held == ()
-
-
-def test_a_better_point_on_a_profile_replaces_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its error is then that of the numbers that are stated."""
-    about, found = fit(effect(5.0, 0.5, 0.0, 2.0), other=STRENGTH * 5.0 * 0.7)
-    problem, asked = found.solution.problem, list[str]()
-    poor = evaluate_fit(about, linearise(problem, found.solution.x + 0.3), found.effects)
-    assert poor is not None and poor.cost > found.cost + 1
-
-    def better(solution: Solution, names: Sequence[str]) -> Solution | None:
-        asked.extend(names)
-        return found.solution if solution is poor.solution else None
-
-    monkeypatch.setattr(determination, "better_fit", better)
-    restarted = restart_from_profiles(about, poor)
-    assert asked == ["d"] and restarted.cost == found.cost
-    assert {name: part.tolist() for name, part in restarted.residuals_by_run.items()} == {
-        name: part.tolist() for name, part in found.residuals_by_run.items()
-    }
-    assert restart_from_profiles(about, found) is found
-
-
-@pytest.mark.parametrize("exceeds_noise", [False, True])
-def test_what_differs_from_run_to_run_may_have_any_mean_where_the_residual_is_noise(exceeds_noise: bool) -> None:
-    fit: Any = SimpleNamespace(deviations=lambda name: [f"2-run:{name}"], exceeds_noise=exceeds_noise)
-    of_mean = Estimate(strength("d"), 0.01, 0.1, (-0.2, 0.2), True)
-    assert determination._excludes_null(fit, of_mean) is not exceeds_noise
-
-
-@pytest.mark.parametrize(
-    ("interval", "is_shown"), [((2e3, 5e4), True), ((2e3, 1e6), False), ((2e3, 1e6 * (1 - 1e-12)), False)]
-)
-def test_a_limit_that_may_be_as_far_as_is_plausible_is_not_shown(interval: tuple[float, float], is_shown: bool) -> None:
-    """A limit of infinity is none; the plausible range ends before."""
-    limit = parameter("limit", None, 1.0, 1e6, scale="inverse", null=math.inf)
-    fit: Any = SimpleNamespace(deviations=lambda _: [], exceeds_noise=False)
-    assert determination._excludes_null(fit, Estimate(limit, 1e4, 1e3, interval, True)) is is_shown
 
 
 def test_a_number_that_may_be_zero_stays_zero_where_the_catalogue_has_it_so() -> None:

@@ -1,81 +1,19 @@
-"""Parameters of effects that the runs do not determine: an effect is dropped, or a parameter is held at its default."""
+"""Parameters of effects that the runs do not determine are held at their defaults."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 
-import numpy as np
-
-from flexdesign.core.model import parameter_of
-from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, WORSE
-from flexdesign.estimation.least_squares.parameter_transforms import null_of, value
+from flexdesign.estimation.criterion import LEVEL, SHARE, WORSE
+from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    evaluate_fit,
     fit_model,
-    refit,
     with_effects,
 )
 from flexdesign.estimation.model_selection.prediction_change import largest_difference
-from flexdesign.estimation.uncertainty.identifiability import Estimate, better_fit, intervals
-
-
-def restart_from_profiles(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return the fit restarted from a better point if the profile of a strength meets one; else the same fit."""
-    names = [effect.strength for effect in fit.effects if not fit.deviations(effect.strength)]
-    better = better_fit(fit.solution, names) if names else None
-    return fit if better is None else evaluate_fit(task, better, fit.effects) or fit
-
-
-def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
-    """Return the fit without effects whose interval of the strength includes the null, and the parameters held.
-
-    An effect without an interval is dropped as well. Intervals are those of the report. A parameter of the same effect
-    that is confounded with the strength is held at its fitted value first.
-    """
-    for effect in reversed(fit.effects):
-        strength = _strength(fit, effect.strength)
-        if _excludes_null(fit, strength):
-            continue
-        held = tuple(name for name in strength.confounded if name in effect.free)
-        if held:
-            reduced = replace(effect, free=tuple(name for name in effect.free if name not in held))
-            refitted = fit_model(task, fit.model, tuple(reduced if e.name == effect.name else e for e in fit.effects))
-        else:
-            refitted = refit(task, fit, tuple(other for other in fit.effects if other.name != effect.name))
-        if refitted is None:
-            return fit, ()
-        refitted, others_held = drop_undetermined(task, refitted)
-        return refitted, (*held, *others_held)
-    return fit, ()
-
-
-def _strength(fit: FittedModel, name: str) -> Estimate:
-    """Return a strength with its interval by the profile likelihood: of imitations the covariance may mislead.
-
-    For a strength that differs from run to run, return the mean over the fitted runs, with the interval by the
-    covariance.
-    """
-    if not fit.deviations(name):
-        return intervals(fit.solution, [name])[0]
-    mean, half = fit.mean_over_runs(name)
-    return Estimate(parameter_of(fit.model, name), mean, half / HALF_WIDTH, (mean - half, mean + half), True)
-
-
-def _excludes_null(fit: FittedModel, strength: Estimate) -> bool:
-    """Tell whether the interval of a strength excludes its null, and the end of the plausible range next to the null.
-
-    If the residual is noise, the mean of a strength that differs from run to run may be anything. If it exceeds the
-    noise, the mean must exclude the null, too: the strength of an approximation also differs from run to run.
-    """
-    if strength.interval is None:
-        return False
-    low, high = strength.interval
-    null = float(np.clip(null_of(strength.parameter), *strength.parameter.plausible))
-    includes_null = low <= null <= high or any(math.isclose(null, end, rel_tol=1e-6) for end in (low, high))
-    return (bool(fit.deviations(strength.name)) and not fit.exceeds_noise) or not includes_null
 
 
 def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:

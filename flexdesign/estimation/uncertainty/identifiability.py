@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -268,14 +267,6 @@ def intervals(
     return estimates(solution, found, made)
 
 
-def better_fit(solution: Solution, names: Sequence[str]) -> Solution | None:
-    """Return the fit from a better point that the profile of some parameters finds; None if none is found."""
-    places = [solution.problem.where.names.index(name) for name in names]
-    best, _, _, is_better = check_intervals(solution, places, _refine)
-    return best if is_better else None
-
-
-@lru_cache(maxsize=4)
 def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
     """Return a fit with values accurate to 0.05 standard deviations, and its uncertainty."""
     accuracy = 0.05**2 * uncertainty(near).variance
