@@ -42,8 +42,6 @@ class Estimate:
         range; None if the data do not bound it.
     determined, reason
         Whether the data determine the parameter; and why not, or the method of the interval; may be empty.
-    confounded
-        The parameters with which it is confounded.
     """
 
     parameter: Parameter
@@ -52,7 +50,6 @@ class Estimate:
     interval: tuple[float, float] | None
     determined: bool
     reason: str = ""
-    confounded: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -92,9 +89,9 @@ def estimates(
     made = []
     for j, found in profiles.items():
         parameter = solution.problem.where.parameters[j]
-        reason, interval, confounded = check.reason(j)
+        reason, interval = check.reason(j)
         if reason or found is None:
-            made.append(Estimate(parameter, None, None, interval, False, reason, confounded))
+            made.append(Estimate(parameter, None, None, interval, False, reason))
             continue
         note, interval, sigma = "", check.interval(j, found), check.sigma(j)
         if found.corrected:
@@ -122,25 +119,25 @@ class _Check:
         self.floor = solution.problem.dataset.floor
         self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
 
-    def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
-        """Return why there is no value (empty if there is one), the interval if any, and the confounded parameters."""
+    def reason(self, j: int) -> tuple[str, tuple[float, float] | None]:
+        """Return why there is no value (empty if there is one), and the interval if any."""
         parameter, profile = self.parameters[j], self.profiles[j]
         if profile is None or (self.uncertainty.in_null_space(j) and profile.open_low and profile.open_high):
             others, null = self.uncertainty.confounded_with(j), self.uncertainty.null_space
             reason = self.confounded([j, *others], null.T @ null[:, j]) if others else "does not show in these runs"
-            return reason, None, tuple(self.names[i] for i in others)
+            return reason, None
         width = profile.high - profile.low
         for other in self.equal_minima:
             if not profile.low - width <= other[j] <= profile.high + width:
                 here, there = (_text(parameter, value(parameter, float(x[j]))) for x in (self.solution.x, other))
-                return f"{here} and {there} fit alike", None, ()
+                return f"{here} and {there} fit alike", None
         others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > HIGH_CORRELATION]
         reason, interval = self.too_wide(j, profile)
         if not others or not (reason or (profile.corrected and self._are_undetermined(others))):
-            return reason, interval, ()
-        sentence, names = self.confounded([j, *others], self.correlation[:, j]), tuple(self.names[i] for i in others)
+            return reason, interval
+        sentence = self.confounded([j, *others], self.correlation[:, j])
         # The end of a bent valley is not the end of the interval: another branch may extend farther.
-        return (sentence, None, names) if profile.corrected else (f"{reason}; {sentence}", interval, names)
+        return (sentence, None) if profile.corrected else (f"{reason}; {sentence}", interval)
 
     def too_wide(self, j: int, profile: Profile) -> tuple[str, tuple[float, float] | None]:
         """Return why an interval is too wide (empty if it is not), and the interval if it bounds the parameter."""
