@@ -450,7 +450,7 @@ def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_adde
     assert bic_lead(better, second.chosen.fit) > INDISTINGUISHABLE * second.chosen.fit.discrepancy
     # Of what does better with a number at the end of what is plausible there is none.
     with monkeypatch.context() as patch:
-        patch.setattr(stepwise_selection, "relevant_ends", lambda _, fit: list(fit.names))
+        patch.setattr(FittedModel, "at_bound", lambda fit: list(fit.names))
         assert replace_effects(about, second.chosen.fit, [first, second])[1] is second.chosen.fit
     # Two effects are all that the selection may add, and it finds the right ones.
     steps, fits = select(about, calibrated_stand(about), every, 2)

@@ -11,7 +11,6 @@ import numpy as np
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of
-from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.prediction_change import largest_difference, without_effect
@@ -206,14 +205,14 @@ def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     first = accepted[0]
     alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
     close = [t for t in accepted if criterion.explained_share(t.error, first.error, task.noise_rms) < criterion.SHARE]
-    plausible = _plausible(task, alike) or _plausible(task, close) or alike
+    plausible = _plausible(alike) or _plausible(close) or alike
     first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
     return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
 
 
-def _plausible(task: EstimationTask, trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials without a relevant parameter at the end of its plausible range."""
-    return [trial for trial in trials if not relevant_ends(task, trial.fit)]
+def _plausible(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials without a parameter at the end of its plausible range."""
+    return [trial for trial in trials if not trial.fit.at_bound()]
 
 
 def is_indistinguishable(a: FittedModel, b: FittedModel) -> bool:

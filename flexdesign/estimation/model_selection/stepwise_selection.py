@@ -12,7 +12,6 @@ from scipy.special import chdtri
 
 from flexdesign.estimation.criterion import LEVEL, cannot_tell_apart, critical_value
 from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH
-from flexdesign.estimation.model_selection.determination import relevant_ends
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -162,7 +161,7 @@ def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step
             rough, chosen = max(roughly, key=lambda pair: bic_lead(pair[0], fit))
             best = fit_model(task, task.fine(rough.model), rough.effects, old=rough.solution.columns())
             is_better = best is not None and not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy)
-            if best is not None and is_better and not relevant_ends(task, best):
+            if best is not None and is_better and not best.at_bound():
                 fit, steps[k] = best, replace(step, chosen=chosen)
     return steps, fit
 
