@@ -278,20 +278,6 @@ def test_a_pair_competes_only_where_a_single_effect_leaves_more_than_noise() -> 
     assert any(trial.names in (("left",), ("right",)) and trial.fit.exceeds_noise for trial in both.trials)
 
 
-def test_a_pair_is_compared_with_what_two_steps_find(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The pair that promises most holds an effect that looks much like the true one, which the second step finds."""
-    about = task({"b": 0.6, "e": 0.3})
-    imitation = candidate("f", {"e": 1.0, "f": 0.4}, signed=True)
-    before, every = calibrated_stand(about), effects()
-    of_pair = fit_with(about, [every[1], imitation])
-    of_one = fit_with(about, [every[1]])
-    pair, one = (compare(about, before, fit, fit.names, 0.0) for fit in (of_pair, of_one))
-    assert not pair.reason and not one.reason
-    (found,) = forward_selection._in_two_steps(about, before, every, [pair, one], 0.0)
-    assert found.names == ("b", "e") and found.fit.cost < pair.fit.cost
-    assert forward_selection._in_two_steps(about, before, every, [one], 0.0) == []
-
-
 # --- what cannot be told apart --------------------------------------------------------------------------------------
 
 

@@ -131,25 +131,7 @@ def forward(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candida
         first = rank(trials)[:FINAL_FITS]
         trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
         trials += _trials(task, fit, pairs, score)
-        trials += _in_two_steps(task, fit, candidates, trials, score)
     return Step(best_of(task, trials), tuple(rank(trials)))
-
-
-def _in_two_steps(
-    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], trials: Sequence[Trial], score: float
-) -> list[Trial]:
-    """Return the trial of a further step after the best single effect, if a pair with that effect would be added.
-
-    All candidates compete in the further step; in pairs only those with the best scores do.
-    """
-    pair = best_of(task, trials)
-    single = best_of(task, [trial for trial in trials if len(trial.names) == 1])
-    if pair is None or single is None or len(pair.names) == 1 or single.names[0] not in pair.names:
-        return []
-    added = forward(task, single.fit, candidates).chosen
-    if added is None or len(added.names) > 1 or added.names[0] in pair.names:
-        return []
-    return [compare(task, fit, added.fit, (*single.names, *added.names), score)]
 
 
 def _starts(fit: FittedModel, screening: Screening, enough: float) -> list[_Start]:
