@@ -81,12 +81,6 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_SELECTION}.score_test", "Screening.pairs", "adds two effects in one step", lambda *_: []),
     Part(f"{_SELECTION}.stepwise_selection", "backward", "drops effects that later ones replace", _second),
     Part(
-        f"{_SELECTION}.stepwise_selection",
-        "replace_effects",
-        "replaces effects by alternatives (sequential replacement)",
-        lambda task, fit, steps: (list(steps), fit),
-    ),
-    Part(
         f"{_SELECTION}.model_comparison",
         "_choose",
         "of approximations takes the one that predicts better",

@@ -25,14 +25,13 @@ from flexdesign.estimation.model_selection.forward_selection import (
     forward,
     screen,
 )
-from flexdesign.estimation.model_selection.model_comparison import Step, bic_lead, compare
+from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.prediction_change import difference
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
     LARGEST_GROUP,
     backward,
     confusable,
-    replace_effects,
     select,
 )
 from flexdesign.estimation.noise.autoregressive import White
@@ -416,34 +415,6 @@ def test_a_selection_stops_where_an_addition_made_itself_superfluous(monkeypatch
     assert [made.names for made in select(about, before, every, 1)[1]] == [("b",)]
 
 
-def test_what_was_added_first_is_replaced_by_what_does_better_with_what_was_added_since(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A mixture of two explains most at first; with one of the two in the model, the other does better than it."""
-    about = task({"a": 0.3, "b": 0.3})
-    mixture = candidate("m", {"a": 0.5, "b": 0.5, "other": 0.3}, signed=True)
-    every = [mixture, *effects()[:2]]
-    first = forward(about, calibrated_stand(about), every)
-    assert first.chosen is not None and first.chosen.names == ("m",)
-    second = forward(about, first.chosen.fit, every)
-    assert second.chosen is not None
-    (added,) = second.chosen.names
-    other = "a" if added == "b" else "b"
-    steps, better = replace_effects(about, second.chosen.fit, [first, second])
-    assert {*better.names} == {"a", "b"} and not better.exceeds_noise
-    assert [step.chosen.names for step in steps if step.chosen] == [(other,), (added,)]
-    assert steps[0].trials is first.trials
-    assert bic_lead(better, second.chosen.fit) > INDISTINGUISHABLE * second.chosen.fit.discrepancy
-    # Of what does better with a number at the end of what is plausible there is none.
-    with monkeypatch.context() as patch:
-        patch.setattr(FittedModel, "at_bound", lambda fit: list(fit.names))
-        assert replace_effects(about, second.chosen.fit, [first, second])[1] is second.chosen.fit
-    # Two effects are all that the selection may add, and it finds the right ones.
-    steps, fits = select(about, calibrated_stand(about), every, 2)
-    assert [fit.names for fit in fits] == [better.names]
-    assert fits[-1].cost == pytest.approx(better.cost, rel=1e-6)
-
-
 def test_a_number_of_the_model_that_is_an_effect_goes_where_another_takes_its_place() -> None:
     """A bandwidth is a number of the model whether it acts or not; what replaces it must do without it."""
 
@@ -459,20 +430,9 @@ def test_a_number_of_the_model_that_is_an_effect_goes_where_another_takes_its_pl
     assert before is not None and fit is not None and alone is not None
     trials = [compare(about, before, made, made.names, 20.0) for made in (fit, alone)]
     assert not any(trial.reason for trial in trials)
-    steps, kept = replace_effects(about, fit, [Step(trials[0], tuple(trials))])
-    assert kept is fit and confusable(about, fit, steps) == ()
+    assert confusable(about, fit, [Step(trials[0], tuple(trials))]) == ()
     made = stepwise_selection._in_place(about, fit, "b", other, trials[1])
     assert made is not None and made.cost == pytest.approx(alone.cost, rel=1e-4) and made.cost > fit.cost + 100
-
-
-def test_what_is_right_is_not_replaced() -> None:
-    """An effect that is alike explains as much by chance; of the right ones nothing is replaced."""
-    twin = candidate("f", {"b": 1.0, "f alone": 1e-3}, signed=True)
-    about, every = task({"b": 0.3, "e": -0.2}), [*effects()[:5], twin]
-    steps = steps_of(about, every)
-    assert {"f", "b"} & {name for trial in steps[0].trials for name in trial.names}
-    again, fit = replace_effects(about, final(steps), steps)
-    assert fit is final(steps) and [step.chosen for step in again] == [step.chosen for step in steps]
 
 
 def test_a_selection_goes_on_from_confirmed_steps() -> None:

@@ -1,4 +1,4 @@
-"""Selection of effects: stepwise regression with backward elimination and sequential replacement.
+"""Selection of effects: stepwise regression with backward elimination.
 
 Steps forward are those of `forward_selection`. Miller, Subset Selection in Regression, 2002, describes the methods.
 """
@@ -10,8 +10,7 @@ from dataclasses import replace
 
 from scipy.special import chdtri
 
-from flexdesign.estimation.criterion import LEVEL, cannot_tell_apart, critical_value
-from flexdesign.estimation.least_squares.levenberg_marquardt import ROUGH
+from flexdesign.estimation.criterion import LEVEL, critical_value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -23,7 +22,6 @@ from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import (
     Step,
     Trial,
-    bic_lead,
     compare,
     is_indistinguishable,
     rank,
@@ -86,9 +84,6 @@ def select(
             made = _with_step(task, fit, steps[-1])
             if made is None:
                 steps[-1] = replace(steps[-1], chosen=None)
-            elif len(made.effects) > 1:
-                steps, other = replace_effects(task, made, steps)
-                made = made if other is made else backward(task, other, other.names)
         if made is None:
             made = vary(fit)
             if made is fit:
@@ -138,34 +133,6 @@ def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) ->
     return tuple(groups)
 
 
-def replace_effects(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], FittedModel]:
-    """Return the steps and the fit with alternatives in the place of effects (sequential replacement: Miller 2002).
-
-    The first effect that was added may imitate two effects at once. Each alternative that was accepted at its step is
-    fitted roughly in its place, with all effects that were added later. The best of them is fitted to convergence, and
-    replaces the effect if BIC distinguishes the two fits and its parameters are within their plausible ranges.
-    """
-    steps = list(steps)
-    for k, step in enumerate(steps):
-        for name in step.chosen.names if step.chosen else ():
-            if name not in fit.names:
-                continue
-            accepted = [trial for trial in step.trials if not trial.reason]
-            roughly = [
-                (found, trial)
-                for other, trial in _alternatives(step, accepted, name, fit)
-                if (found := _in_place(task, fit, name, other, trial, roughly=True)) is not None
-            ]
-            if not roughly:
-                continue
-            rough, chosen = max(roughly, key=lambda pair: bic_lead(pair[0], fit))
-            best = fit_model(task, task.fine(rough.model), rough.effects, old=rough.solution.columns())
-            is_better = best is not None and not cannot_tell_apart(bic_lead(best, fit), fit.discrepancy)
-            if best is not None and is_better and not best.at_bound():
-                fit, steps[k] = best, replace(step, chosen=chosen)
-    return steps, fit
-
-
 def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedModel) -> list[tuple[Candidate, Trial]]:
     """Return the effects that trials of a step have in place of one that the step added, and their trials."""
     partners = {*(step.chosen.names if step.chosen else ())} - {name}
@@ -177,14 +144,11 @@ def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedMod
     ]
 
 
-def _in_place(
-    task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial, *, roughly: bool = False
-) -> FittedModel | None:
+def _in_place(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> FittedModel | None:
     """Return the fit with another effect in place of one, from the values that the other had in a trial."""
     effects = tuple(other if effect.name == name else effect for effect in fit.effects)
     task.progress(f"fitting with {other.name} in the place of {name}")
-    model = with_other_effects(task, fit, effects, trial.fit.model)
-    return fit_model(task, task.coarse(model), effects, effort=ROUGH) if roughly else fit_model(task, model, effects)
+    return fit_model(task, with_other_effects(task, fit, effects, trial.fit.model), effects)
 
 
 def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> bool:
