@@ -63,7 +63,7 @@ def forward_in_windows(
     for step in _steps(model, parts, most, task, fit, candidates):
         trial = None if step.chosen is None else confirm(task, fit, step.chosen)
         others = [
-            each if each.reason or each in step.rivals else replace(each, reason=WORSE_IN_WINDOWS)
+            each if each.reason or each in step.alike else replace(each, reason=WORSE_IN_WINDOWS)
             for each in step.trials
             if each is not step.chosen
         ]

@@ -22,7 +22,6 @@ from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT, forward
 from flexdesign.estimation.model_selection.model_comparison import (
     Step,
-    Trial,
     best_of,
     compare,
     is_determined,
@@ -378,26 +377,3 @@ def test_a_second_effect_that_only_the_fitted_runs_show_comes_with_no_first() ->
         step = forward(about, calibrated_stand(about), effects())
         assert ("d", "e") in reasons(step) or ("e", "d") in reasons(step)
         assert step.chosen is not None and {*step.chosen.names} == names
-
-
-def test_rivals_of_an_approximation_are_what_it_is_taken_for_and_explains_nearly_as_much() -> None:
-    """In a local minimum such an effect seems to explain less than it can."""
-
-    def trial(name: str, share: float, cost: float, reason: str = "", exceeds_noise: bool = True) -> Trial:
-        effect = SimpleNamespace(name=name, like=("e", "f", "g"))
-        fit: Any = SimpleNamespace(
-            effects=(effect,), cost=cost, validation_chi2=0.0, discrepancy=1.0, exceeds_noise=exceeds_noise
-        )
-        return Trial((name,), fit, 100.0, share, 1.0, 20.0, 20.0, reason)
-
-    others = (
-        trial("e", 0.96, 900.0),
-        trial("f", 0.94, 900.0),
-        trial("g", 0.98, 900.0, "does not help on the validation runs"),
-        trial("h", 0.98, 900.0),
-        trial("i", 0.5, 105.0),
-    )
-    for exceeds_noise, expected in ((True, ["i", "e"]), (False, ["i"])):
-        chosen = trial("d", 1.0, 100.0, exceeds_noise=exceeds_noise)
-        assert [each.names[0] for each in Step(chosen, (chosen, *others)).rivals] == expected
-    assert Step(None, others).rivals == ()

@@ -168,7 +168,6 @@ def candidate_of(
         phase=phase,
         signed=strength.plausible[0] < 0,
         has_own_trials=bool(strength.screen),
-        like=effect.confused_with,
         trace=partial(_line, frequency) if phase and frequency else None,
     )
 

@@ -76,19 +76,6 @@ class Step:
         others = (trial for trial in self.trials if trial.names != self.chosen.names and not trial.reason)
         return tuple(trial for trial in others if is_indistinguishable(self.chosen.fit, trial.fit))
 
-    @property
-    def rivals(self) -> tuple[Trial, ...]:
-        """The trials `alike`; next to an approximation, also accepted trials of effects often confused with it.
-
-        The latter must explain at least `1 - criterion.SHARE` of the share of the chosen trial.
-        """
-        if self.chosen is None or not self.chosen.fit.exceeds_noise:
-            return self.alike
-        enough = (1 - criterion.SHARE) * self.chosen.share
-        like = {other for e in self.chosen.fit.effects if e.name in self.chosen.names for other in e.like}
-        close = (trial for trial in self.trials if not trial.reason and trial.share >= enough)
-        return (*self.alike, *(t for t in close if like.intersection(t.names) and t not in self.alike))
-
 
 def compare(
     task: EstimationTask, before: FittedModel, after: FittedModel, names: tuple[str, ...], score: float

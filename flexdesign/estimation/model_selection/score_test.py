@@ -65,8 +65,6 @@ class Candidate:
         Whether the strength may have either sign.
     has_own_trials
         Whether the strength has trial values of its own, as a limit or a delay has: derivatives at its null mislead.
-    like
-        Names of effects that are often confused with it.
     after
         For an effect that a model may have several times: the name of the one that must be in the model before; else
         empty.
@@ -83,7 +81,6 @@ class Candidate:
     phase: str = ""
     signed: bool = False
     has_own_trials: bool = False
-    like: tuple[str, ...] = ()
     after: str = ""
     trace: Callable[[Model, Observation], Array | None] | None = None
 

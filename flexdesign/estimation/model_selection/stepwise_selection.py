@@ -26,7 +26,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
     is_indistinguishable,
     rank,
 )
-from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Largest number of effects in a group of confounded effects.
@@ -114,9 +113,7 @@ def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) ->
     """Return the groups of confounded effects, the one in the model first.
 
     An effect that did as well at a step as the chosen one is fitted in its place, with all effects that were added
-    later. Next to an approximation, effects that are often confused with the chosen one are fitted in its place, too,
-    if they explained at least `1 - SHARE` of its share; their fits are restarted first, as they may be in a local
-    minimum.
+    later.
     """
     groups = list[tuple[str, ...]]()
     for step in steps:
@@ -125,20 +122,20 @@ def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) ->
                 continue
             instead = [
                 other.name
-                for other, trial in _alternatives(step, step.rivals, name, fit)
-                if _does_as_well(task, fit, name, other, trial)
+                for other, trial in _alternatives(step, name, fit)
+                if (made := _in_place(task, fit, name, other, trial)) and is_indistinguishable(fit, made)
             ]
             if instead:
                 groups.append((name, *instead[: LARGEST_GROUP - 1]))
     return tuple(groups)
 
 
-def _alternatives(step: Step, trials: Sequence[Trial], name: str, fit: FittedModel) -> list[tuple[Candidate, Trial]]:
-    """Return the effects that trials of a step have in place of one that the step added, and their trials."""
+def _alternatives(step: Step, name: str, fit: FittedModel) -> list[tuple[Candidate, Trial]]:
+    """Return the effects that did as well as one that a step added, and their trials."""
     partners = {*(step.chosen.names if step.chosen else ())} - {name}
     return [
         (effect, trial)
-        for trial in trials
+        for trial in step.alike
         for effect in trial.fit.effects
         if {*trial.names} == {*partners, effect.name} and effect.name not in fit.names
     ]
@@ -149,14 +146,6 @@ def _in_place(task: EstimationTask, fit: FittedModel, name: str, other: Candidat
     effects = tuple(other if effect.name == name else effect for effect in fit.effects)
     task.progress(f"fitting with {other.name} in the place of {name}")
     return fit_model(task, with_other_effects(task, fit, effects, trial.fit.model), effects)
-
-
-def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> bool:
-    """Tell whether a fit with an effect in place of another is indistinguishable from the fit."""
-    made = _in_place(task, fit, name, other, trial)
-    if made is not None and fit.exceeds_noise and not is_indistinguishable(fit, made):
-        made = escape(task, made)
-    return made is not None and is_indistinguishable(fit, made)
 
 
 def add_together(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], most: int) -> Step | None:
