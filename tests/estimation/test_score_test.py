@@ -204,31 +204,6 @@ def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
     assert best[0].candidate is cap
     assert best[0].start == {"cap": 1.5}
     assert [d.predicted_reduction for d in best] == sorted((d.predicted_reduction for d in best), reverse=True)
-    # A fit begins at what explains most between the neighbouring trials, where the slope of the ramp follows.
-    beginning = screening.at_best_strength(best[0])
-    assert beginning.start["cap"] == pytest.approx(1.6, abs=0.03)
-    assert beginning.reduction_as_it_is > best[0].reduction_as_it_is
-    assert beginning.reduction_as_it_is <= best[0].predicted_gain ** 2 / best[0].projected_norm2 * 1.1
-
-
-def test_a_limit_that_acts_at_no_trial_but_a_far_too_low_one_is_found_between() -> None:
-    """As the slew of a driver, of which the lower trial spoils every step and the higher one none."""
-
-    def clipped(v: Mapping[str, float], run: Any) -> Array:
-        ramp = 3 * run.t
-        return np.minimum(ramp, v["cap"]) - ramp
-
-    number = parameter("cap", math.inf, 0.1, 10.0, null=math.inf, scale="inverse")
-    trials = ({"cap": 0.9}, {"cap": 3.0})
-    cap = Candidate(
-        "cap", lambda model: as_sum(model).plus(clipped, number), "cap", ("cap",), trials, has_own_trials=True
-    )
-    model = Sum().plus(lambda v, run: v["k"] * run.t, strength("k", 3.0))
-    observed = runs(lambda run: np.minimum(3 * run.t, 2.7))
-    screening = Screening(solution(model, observed, White(0.01)), [cap])
-    ((direction,),) = screening.best()
-    assert direction.start == {"cap": 0.9} and direction.reduction_as_it_is < 0
-    assert screening.at_best_strength(direction).start["cap"] == pytest.approx(2.7, abs=0.05)
 
 
 def test_what_base_numbers_imitate_gives_no_direction() -> None:

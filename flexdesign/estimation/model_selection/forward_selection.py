@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -138,22 +137,15 @@ def _starts(fit: FittedModel, screening: Screening, enough: float) -> list[_Star
     """Return starting points: the best trials of each candidate, and pairs with a larger score than single ones."""
     best = screening.best()
 
-    @cache  # singles and pairs begin in the same directions
-    def beginning(direction: Direction) -> Direction:
-        return screening.at_best_strength(direction) if direction.candidate.has_own_trials else direction
-
-    def start(*directions: Direction) -> _Start:
-        return _Start(fit, tuple(map(beginning, directions)))
-
     found = [
-        start(each)
+        _Start(fit, (each,))
         for directions in best
         for each in directions[:STARTS_PER_CANDIDATE]
         if each.predicted_reduction > enough
     ]
     most = best[0][0].predicted_reduction if best else 0.0
     pairs = [(a, b) for predicted_gain, a, b in screening.pairs(MOST_PAIRS) if predicted_gain > most + enough]
-    return found + [start(*pair) for pair in pairs]
+    return found + [_Start(fit, pair) for pair in pairs]
 
 
 def _compete(

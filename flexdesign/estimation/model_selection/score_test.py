@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri
 
 from flexdesign.core.arrays import Array
@@ -37,8 +36,6 @@ LARGEST_EXTRAPOLATION = 300.0
 #: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
 #: parameters imitate is projected out to first order.
 LARGEST_MOVE = 3.0
-#: Number of strengths of a limit or a delay that are tried between those of its grid.
-STRENGTHS_TRIED = 10
 #: Number of simulations without any effect; and the level of their quantile, from which rarer ones are extrapolated.
 NULL_DRAWS, SIMULATED_LEVEL = 4000, 0.01
 
@@ -128,11 +125,6 @@ class Direction:
     def can_have(self, step: float) -> bool:
         """Tell whether a multiple of the trial strength has a possible sign and is not far from the catalogue."""
         return (step > 0 or self.candidate.signed) and abs(step) * self.scale <= LARGEST_EXTRAPOLATION
-
-    @property
-    def reduction_as_it_is(self) -> float:
-        """Predicted fall of the cost at the trial strength itself."""
-        return 2.0 * self.predicted_gain - self.projected_norm2
 
     @property
     def start(self) -> dict[str, float]:
@@ -320,26 +312,6 @@ class Screening:
         return np.array(
             [(d.move @ whitened - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]
         )
-
-    def at_best_strength(self, direction: Direction) -> Direction:
-        """Return the direction of a limit or a delay at the strength that lowers chi^2 most without scaling.
-
-        The strength is searched between the neighbouring trials (Brent 1973), because the change of a prediction is not
-        proportional to a limit: beyond a threshold it is nearly zero, and a little before the threshold too large.
-        """
-        candidate, name = direction.candidate, direction.candidate.strength
-        tried = sorted({values[name] for values in candidate.trials})
-        place = tried.index(direction.values[name])
-        ends = tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)]
-        directions = [direction]
-
-        def increase(logarithm: float) -> float:
-            tried_direction = self._try(candidate, {**direction.values, name: math.exp(logarithm)})
-            directions.extend([] if tried_direction is None else [tried_direction])
-            return 0.0 if tried_direction is None else -tried_direction.reduction_as_it_is
-
-        minimize_scalar(increase, bounds=np.log(ends), method="bounded", options={"maxiter": STRENGTHS_TRIED})
-        return max(directions, key=lambda each: each.reduction_as_it_is)
 
     def best(self) -> list[list[Direction]]:
         """Return for each candidate its directions, best first; the candidate with the largest score first."""
