@@ -346,21 +346,6 @@ def test_without_effects_chance_is_that_of_one() -> None:
     assert screening.pairs() == []
 
 
-def test_chance_of_drawn_errors_is_that_of_gaussian_ones_where_they_are_gaussian() -> None:
-    """2000 draws and errors twice as large: four times the promise, to four standard errors of the two quantiles.
-
-    Near a level of 0.01 the density of the largest square is about half the level, so that a quantile of 2000 draws is
-    uncertain by 2 sqrt(0.01 / 2000) / 0.01.
-    """
-    rng, of, found = np.random.default_rng(5), White(1.0), catalogue(0, 12, 5.0)
-    screening = Screening(solution(base("p"), runs(lambda run: np.zeros(N)), of), found)
-    null_errors = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
-    uncertain = 4 * 2 * math.sqrt(SIMULATED_LEVEL * (1 / 2000 + 1 / 4000)) / SIMULATED_LEVEL
-    assert screening.critical_value(SIMULATED_LEVEL, null_errors) / 4 == pytest.approx(
-        screening.critical_value(SIMULATED_LEVEL), abs=uncertain
-    )
-
-
 def test_the_score_of_columns_is_by_how_much_a_linear_fit_with_them_falls() -> None:
     """Each record has amounts of its own; a record without columns has none."""
     noise = ColouredNoise({name: SLOW for name in NAMES})

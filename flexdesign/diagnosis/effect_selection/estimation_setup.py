@@ -164,7 +164,6 @@ def case_of(
         progress=progress,
         noise_rms=data.known_noise_rms,
         prior_bound=PRIOR_BOUND if data.is_one_record or not data.noise.known else math.inf,
-        null_errors=data.null_errors,
         weights=line_weights(data),
         scales=data.scales,
         scored=tuple(data.selecting) if data.responses else (),

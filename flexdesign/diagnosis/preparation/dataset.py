@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -27,8 +27,6 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run, split, sp
 #: An effect must change a prediction by this share of the noise, or of the stroke if that is less or the noise is
 #: unknown. If the noise is unknown, a residual below the latter counts as zero.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
-#: Number of simulations of rounding, for its critical value.
-ROUNDING_DRAWS = 400
 #: The largest command of an axis without a stated limit [V].
 UNLIMITED_COMMAND = 100.0
 #: Number of values in which very long recordings are searched; from as many on, runs are tested for oversampling.
@@ -133,16 +131,6 @@ class DiagnosisData:
             }
         )
         return Mixed(noise, self.lines) if self.lines else noise
-
-    def null_errors(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
-        """Yield rounding errors for the residuals of a fit, where readings come in coarse steps; else nothing."""
-        if self.coarse_step is None:
-            return
-        runs = {run.name: run for run in self.of("identify")}
-        rng = np.random.default_rng(0)
-        for error in quantisation_noise.errors(runs, self.noise.whitening, residuals, self.coarse_step, ROUNDING_DRAWS):
-            lines = {each.name: self.lines[each.name].of_values for each in self.responses}
-            yield {**error, **{name: sigma * rng.standard_normal(len(sigma)) for name, sigma in lines.items()}}
 
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -58,33 +58,17 @@ def add_rounding(
     step
         Of the readings [response].
     """
-    realisations = list(errors(runs, noise, residuals, step, NOISE_DRAWS))
-    return ColouredNoise(
-        {name: _process([each[name][np.isfinite(each[name])] for each in realisations]) for name in runs}
-    )
-
-
-def errors(
-    runs: Mapping[str, Run],
-    noise: ColouredNoise,
-    residuals: Mapping[str, Array],
-    step: float,
-    count: int,
-) -> Iterator[dict[str, Array]]:
-    """Yield by how much readings differ from the predicted motion that they are rounded from, run by run; NaN at gaps.
-
-    Parameters are those of `add_rounding`, and how often it is drawn.
-    """
-    rng = np.random.default_rng(0)
-    for _ in range(count):
-        found = dict[str, Array]()
-        for name, run in runs.items():
-            beneath = min(noise.process(name).rms, HIDDEN_NOISE * step)
+    rng, processes = np.random.default_rng(0), dict[str, Process]()
+    for name, run in runs.items():
+        beneath, errors = min(noise.process(name).rms, HIDDEN_NOISE * step), list[Array]()
+        for _ in range(NOISE_DRAWS):
             # Where the grid lies beneath an unknown offset is drawn, too.
             disturbed = run.measured() - residuals[name] + rng.uniform(0, step)
             noisy = disturbed + beneath * rng.standard_normal(len(disturbed))
-            found[name] = step * np.round(noisy / step) - disturbed
-        yield found
+            error = step * np.round(noisy / step) - disturbed
+            errors.append(error[np.isfinite(error)])
+        processes[name] = _process(errors)
+    return ColouredNoise(processes)
 
 
 def _process(realisations: list[Array]) -> Process:

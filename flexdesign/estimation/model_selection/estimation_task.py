@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,9 +47,6 @@ class EstimationTask:
         Returns the task with the initial conditions that the effects of a model need.
     prior_bound
         Largest distance of a parameter of one run from the mean of its prior, in standard deviations.
-    null_errors
-        Yields simulated errors of the readings of the runs in `identify`, by run [response], if they are not Gaussian;
-        else nothing. Its argument are the residuals of a fit.
     weights
         Weights of the values of an observation, by its name, in addition to `tolerance`; one where it is missing.
     scales
@@ -74,7 +71,6 @@ class EstimationTask:
     test: Dataset | None = None
     prepared: Callable[[EstimationTask, Model], EstimationTask] = lambda task, _: task
     prior_bound: float = math.inf
-    null_errors: Callable[[Mapping[str, Array]], Iterable[Mapping[str, Array]]] = lambda _: ()
     weights: Mapping[str, Array] = field(default_factory=dict)
     scales: Mapping[str, Array] = field(default_factory=dict)
     scored: tuple[str, ...] = ()

@@ -76,7 +76,7 @@ def screen(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidat
     left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
     task.progress("screening the catalogue" if not fit.effects else f"screening with {', '.join(fit.names)}")
     screening = Screening(fit.solution, left, task.coarse)
-    score = screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
+    score = screening.critical_value(LEVEL)
     starts = _starts(fit, screening, PROMISING_SHARE * max(score, SHARE * fit.excess))
 
     def quickly(start: _Start) -> Entry | None:

@@ -8,14 +8,14 @@ in each run, because its phase differs from run to run.
 
 The critical value of the largest score follows from the correlations between all d'. Without any effect the scaled
 scores are Gaussian with these correlations, so that the largest score can be simulated (a parametric bootstrap over the
-catalogue). Errors that are not Gaussian, such as rounding, are simulated themselves.
+catalogue).
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -276,7 +276,7 @@ class Screening:
         length = np.sqrt(np.array([direction.projected_norm2 for direction in directions]))
         return np.asarray(inner / np.outer(length, length))
 
-    def critical_value(self, level: float, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
+    def critical_value(self, level: float, seed: int = 0) -> float:
         """Return the value that the largest score exceeds with a probability `level` if nothing is missing.
 
         A quantile of a few thousand simulations is extrapolated with the tail of chi^2 of one degree of freedom.
@@ -285,33 +285,20 @@ class Screening:
         ----------
         level
             Family-wise probability.
-        errors
-            Simulated errors of the readings, by the name of the observation [response], if they are not Gaussian.
         seed
-            Seed of the Gaussian simulations.
+            Seed of the simulations.
         """
         plain = [direction for direction in self.directions if direction.columns == 1]
         if not plain:
             return float(chdtri(1, level))
-        null_errors = np.array([self._scaled(plain, error) for error in errors])
-        if not len(null_errors):
-            cosines, rng = self.cosines(plain), np.random.default_rng(seed)
-            null_errors = rng.multivariate_normal(np.zeros(len(plain)), cosines, NULL_DRAWS, "ignore", method="eigh")
+        cosines, rng = self.cosines(plain), np.random.default_rng(seed)
+        draws = rng.multivariate_normal(np.zeros(len(plain)), cosines, NULL_DRAWS, "ignore", method="eigh")
         signed = np.array([direction.candidate.signed for direction in plain])
-        largest = np.where(signed, np.abs(null_errors), np.maximum(null_errors, 0.0)).max(axis=1)
+        largest = np.where(signed, np.abs(draws), np.maximum(draws, 0.0)).max(axis=1)
         single = float(np.quantile(largest**2, 1 - SIMULATED_LEVEL))
         # This number of independent scores would exceed that quantile as often.
         comparisons = SIMULATED_LEVEL / float(chdtrc(1, single))
         return float(chdtri(1, level / max(comparisons, 1.0)))
-
-    def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
-        """Return d'e over the length of d' for an error e of the readings."""
-        dataset = self.solution.problem.dataset
-        parts = [dataset.whitened(record, error[record.observation.name]) for record in dataset.records]
-        whitened, projection = np.concatenate(parts), self.inverse @ self.solution.project(parts)
-        return np.array(
-            [(d.move @ whitened - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]
-        )
 
     def best(self) -> list[list[Direction]]:
         """Return for each candidate its directions, best first; the candidate with the largest score first."""
