@@ -10,12 +10,11 @@ from typing import Any
 
 import pytest
 
-from flexdesign.diagnosis import procedure
+from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.estimation.model_selection import (
     fitted_model,
     forward_selection,
     model_comparison,
-    restarts,
     stepwise_selection,
 )
 from studies.ablation import __main__ as command
@@ -43,12 +42,12 @@ def outcome(number: int, *named: str, seconds: float = 2.0, hits: tuple[bool, ..
 
 def test_every_part_is_there_and_comes_back() -> None:
     assert parts.chosen(None) == list(PARTS) and len(BY_KEY) == len(PARTS)
-    before = procedure.escape, forward_selection.escape, restarts.escape
+    before = estimation_setup.escape, forward_selection.escape, fitted_model.escape
     assert len({*before}) == 1
     with switched_off(BY_KEY["escape"]):
-        assert procedure.escape is forward_selection.escape is restarts.escape
-        assert procedure.escape("task", "fit") == "fit"  # type: ignore[arg-type, comparison-overlap]
-    assert before == (procedure.escape, forward_selection.escape, restarts.escape)
+        assert estimation_setup.escape is forward_selection.escape is fitted_model.escape
+        assert estimation_setup.escape("task", "fit") == "fit"  # type: ignore[arg-type, comparison-overlap]
+    assert before == (estimation_setup.escape, forward_selection.escape, fitted_model.escape)
 
 
 def test_a_part_comes_back_after_an_error() -> None:

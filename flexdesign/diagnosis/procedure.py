@@ -43,9 +43,8 @@ from flexdesign.estimation.model_selection.fitted_model import (
 )
 from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import Step
-from flexdesign.estimation.model_selection.restarts import restart_without
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, select
+from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, restart_without, select
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,

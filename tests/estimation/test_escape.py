@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.model_selection import restarts
+from flexdesign.estimation.model_selection import fitted_model
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import fit_model
+from flexdesign.estimation.model_selection.fitted_model import escape, fit_model
 from flexdesign.estimation.model_selection.model_comparison import compare
-from flexdesign.estimation.model_selection.restarts import escape, restart_without
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.stepwise_selection import restart_without
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.play_problems import SEEDS, problem
 from tests.estimation.sums import Sum, as_sum, offset, strength
@@ -74,8 +74,9 @@ def test_a_search_over_thresholds_ends_where_every_step_is_better(monkeypatch: p
         tried.append(next(p.start for p in model.parameters() if p.name == "r") or 0.0)
         return dataclasses.replace(fit.solution, cost=fit.cost - 1e3 * len(tried))
 
-    monkeypatch.setattr(restarts, "solve_case", always_better)
-    monkeypatch.setattr(restarts, "search_initial_states", lambda task, dataset, model: model)
+    monkeypatch.setattr(fitted_model, "solve_case", always_better)
+    monkeypatch.setattr(fitted_model, "search_initial_states", lambda task, dataset, model: model)
+    monkeypatch.setattr(fitted_model, "fit_model", lambda *_, **__: None)
     escape(about.task, fit)
     assert len(tried) == 16
 

@@ -11,7 +11,7 @@ import pytest
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, linearise
-from flexdesign.estimation.model_selection import fitted_model, prediction_change
+from flexdesign.estimation.model_selection import fitted_model, model_comparison
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (
     HELD,
@@ -173,12 +173,12 @@ def test_two_models_differ_by_what_no_offset_takes_away() -> None:
     there = model.replace({"p": 0.3, "offset": 5.0, "kept:late": 1.0})
     parts = [0.3 * (column(record.observation, "p")) for record in about.validate.records]
     spread = math.sqrt(np.mean([np.var(part) for part in parts]))
-    assert prediction_change.difference(about.validate, model, there, {}) == pytest.approx(spread, rel=1e-9)
+    assert model_comparison.difference(about.validate, model, there, {}) == pytest.approx(spread, rel=1e-9)
     weights = {"apart": np.full(N, 10.0)}
     weighted = 10.0 * math.sqrt(np.mean((parts[1] + 5.0) ** 2))
-    assert prediction_change.difference(about.validate, model, there, weights) == pytest.approx(weighted, rel=1e-9)
+    assert model_comparison.difference(about.validate, model, there, weights) == pytest.approx(weighted, rel=1e-9)
     weights = {"apart": np.full(N, 1e-3)}
-    assert prediction_change.difference(about.validate, model, there, weights) == pytest.approx(
+    assert model_comparison.difference(about.validate, model, there, weights) == pytest.approx(
         np.std(parts[0]), rel=1e-9
     )
 
@@ -189,7 +189,7 @@ def test_an_effect_at_its_null_does_nothing_in_any_run() -> None:
         lambda v, run: v.get(f"{run.name}:d", 0.0) * column(run, "d"),
         parameter("one:d", 0.4, -9.0, 9.0, run="one"),
     )
-    there = prediction_change.without_effect(model.replace({"d": 0.3, "p": 2.0}), effect)
+    there = model_comparison.without_effect(model.replace({"d": 0.3, "p": 2.0}), effect)
     assert {p.name: p.start for p in there.parameters() if p.name in ("d", "one:d", "p")} == {
         "d": 0.0,
         "one:d": 0.0,

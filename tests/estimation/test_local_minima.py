@@ -17,12 +17,12 @@ from flexdesign.estimation.least_squares.multistart import OTHER_MINIMUM, grid_i
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
+    escape,
     fit_initial_states,
     fit_model,
     search_initial_states,
     solve_case,
 )
-from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
 from tests.estimation.toys import Array, Run, parameter

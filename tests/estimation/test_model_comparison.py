@@ -24,10 +24,10 @@ from flexdesign.estimation.model_selection.model_comparison import (
     Step,
     best_of,
     compare,
+    difference,
     is_determined,
     rank,
 )
-from flexdesign.estimation.model_selection.prediction_change import difference
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.sums import (

@@ -25,8 +25,7 @@ from flexdesign.estimation.model_selection.forward_selection import (
     forward,
     screen,
 )
-from flexdesign.estimation.model_selection.model_comparison import Step, compare
-from flexdesign.estimation.model_selection.prediction_change import difference
+from flexdesign.estimation.model_selection.model_comparison import Step, compare, difference
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
     LARGEST_GROUP,

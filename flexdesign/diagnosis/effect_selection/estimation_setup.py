@@ -41,13 +41,13 @@ from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
+    escape,
     evaluate_fit,
     fit_initial_states,
     fit_model,
     solve_case,
 )
-from flexdesign.estimation.model_selection.prediction_change import difference
-from flexdesign.estimation.model_selection.restarts import escape
+from flexdesign.estimation.model_selection.model_comparison import difference
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import Run

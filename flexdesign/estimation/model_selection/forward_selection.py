@@ -19,9 +19,8 @@ from flexdesign.estimation.criterion import LEVEL, SHARE, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.multistart import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, solve_case
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, escape, fit_model, solve_case
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
-from flexdesign.estimation.model_selection.restarts import escape
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
 #: A candidate is fitted if its score promises this share of what would be accepted: the score is a linear estimate.

@@ -19,7 +19,7 @@ from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.model_selection.prediction_change import without_offset
+from flexdesign.estimation.model_selection.model_comparison import without_offset
 
 #: Returns smooth functions for an observation and its prediction, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]

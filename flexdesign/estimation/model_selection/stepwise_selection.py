@@ -148,6 +148,20 @@ def _in_place(task: EstimationTask, fit: FittedModel, name: str, other: Candidat
     return fit_model(task, with_other_effects(task, fit, effects, trial.fit.model), effects)
 
 
+def restart_without(task: EstimationTask, fit: FittedModel, trials: Sequence[Trial]) -> FittedModel:
+    """Return the fit restarted from the best of refused trials, without its effects, if all runs then fit better.
+
+    A further effect may only have moved the other parameters out of a local minimum.
+    """
+    if not trials or trials[0].gain <= trials[0].critical_gain:
+        return fit
+    task.progress("fitting from other values")
+    restarted = refit(task, trials[0].fit, fit.effects)
+    if restarted is None or restarted.validation_chi2 > fit.validation_chi2:
+        return fit
+    return restarted if fit.cost - restarted.cost > trials[0].critical_gain else fit
+
+
 def add_together(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], most: int) -> Step | None:
     """Return a step that adds several effects, each with evidence given the others; None where there is none.
 
