@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from flexdesign.core.arrays import Array, Flags
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation
 from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.least_squares.dataset import Dataset
@@ -25,7 +25,8 @@ from flexdesign.estimation.model_selection.model_comparison import without_offse
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
 #: Largest number of terms.
 MOST_TERMS = 10
-#: The free parameters can imitate a function if projection leaves less than this share of its squares.
+#: The free parameters, and the functions that were added, can imitate a function if projection leaves less than this
+#: share of its squares.
 INDEPENDENT_SHARE = 1e-4
 
 
@@ -59,8 +60,8 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     projection, inverse = solution.project(parts), solution.covariance
     gram = columns.T @ columns - projection.T @ inverse @ projection
     predicted_gain = columns.T @ np.concatenate(solution.residuals)
-    is_independent = np.diag(gram) > INDEPENDENT_SHARE * np.sum(columns**2, axis=0)
-    chosen, gains = _pursuit(gram, predicted_gain, is_independent, float(chdtri(1, LEVEL / max(len(names), 1))))
+    least = INDEPENDENT_SHARE * np.sum(columns**2, axis=0)
+    chosen, gains = _pursuit(gram, predicted_gain, least, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return SparseModel({}, 0.0, 0.0, 0.0, {})
     coefficients = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
@@ -125,31 +126,21 @@ def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tu
     return names, parts
 
 
-def _pursuit(
-    gram: Array, predicted_gain: Array, is_independent: Flags, critical_gain: float
-) -> tuple[list[int], list[float]]:
-    """Return the functions that are added, and the fall of the cost by each."""
-    chosen, gains, before = list[int](), list[float](), 0.0
-    size = np.diag(gram).copy()
+def _pursuit(gram: Array, predicted_gain: Array, least: Array, critical_gain: float) -> tuple[list[int], list[float]]:
+    """Return the functions that are added, and the fall of the cost by each; `least` are their least squares."""
+    chosen, gains = list[int](), list[float]()
+    rest, left = gram, predicted_gain
     for _ in range(MOST_TERMS):
-        best, reached = -1, before
-        for j in range(len(predicted_gain)):
-            if j in chosen or not is_independent[j]:
-                continue
-            trial = [*chosen, j]
-            inner = gram[np.ix_(trial, trial)]
-            scale = np.sqrt(size[trial])
-            scaled = inner / np.outer(scale, scale)
-            if np.linalg.cond(scaled) > 1e6:
-                continue
-            fall = float((predicted_gain[trial] / scale) @ np.linalg.solve(scaled, predicted_gain[trial] / scale))
-            if fall > reached:
-                best, reached = j, fall
-        if best < 0 or reached - before < critical_gain:
+        size = np.diag(rest)
+        falls = np.divide(left**2, size, out=np.zeros(len(size)), where=size > least)
+        best = int(np.argmax(falls))
+        if falls[best] < critical_gain:
             break
         chosen.append(best)
-        gains.append(reached - before)
-        before = reached
+        gains.append(float(falls[best]))
+        # What the new function explains is projected out of the others.
+        column = rest[:, best] / size[best]
+        rest, left = rest - np.outer(column, rest[best]), left - column * left[best]
     return chosen, gains
 
 
