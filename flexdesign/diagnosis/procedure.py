@@ -106,7 +106,7 @@ def diagnose(
             remark = describe(data)
             progress(remark)
             data = _with_remark(data, remark)
-            step_forward = partial(forward_in_windows, model, data, MOST_EFFECTS)
+            step_forward = partial(forward_in_windows, model, data)
         task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), step_forward)
         progress("looking at the residual")
         conclusion = _conclude(data, task, history, dynamics)

@@ -7,7 +7,7 @@ creep, drift and hysteresis whose loops last longer, are searched in all values.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -41,7 +41,6 @@ WORSE_IN_WINDOWS = "explains less in the windows that were searched"
 def forward_in_windows(
     model: StageModel,
     data: DiagnosisData,
-    most: int,
     task: EstimationTask,
     fit: FittedModel,
     candidates: Sequence[Candidate],
@@ -52,26 +51,22 @@ def forward_in_windows(
     ----------
     model, data
         The stage model and all values.
-    most
-        Largest number of effects.
     task, fit, candidates
         As those of `forward`, for all values.
     """
-    refused = list[Trial]()
     task.progress("searching in windows in which the model fails most")
-    parts = windows(data, fit.residuals_by_run)
-    for step in _steps(model, parts, most, task, fit, candidates):
-        trial = None if step.chosen is None else confirm(task, fit, step.chosen)
-        others = [
-            each if each.reason or each in step.alike else replace(each, reason=WORSE_IN_WINDOWS)
-            for each in step.trials
-            if each is not step.chosen
-        ]
-        if trial is not None and not trial.reason:
-            return Step(trial, (trial, *others))
-        refused += [*([] if trial is None else [trial]), *(each for each in others if each.reason)]
+    step = _step(model, windows(data, fit.residuals_by_run), task, fit, candidates)
+    trial = None if step.chosen is None else confirm(task, fit, step.chosen)
+    others = [
+        each if each.reason or each in step.alike else replace(each, reason=WORSE_IN_WINDOWS)
+        for each in step.trials
+        if each is not step.chosen
+    ]
+    if trial is not None and not trial.reason:
+        return Step(trial, (trial, *others))
     task.progress("searching slow effects in all samples")
     slow = forward(task, fit, [each for each in candidates if is_slow(each.name)])
+    refused = [*([] if trial is None else [trial]), *(each for each in others if each.reason)]
     return replace(slow, trials=(*slow.trials, *refused))
 
 
@@ -84,18 +79,14 @@ def is_slow(effect: str) -> bool:
     return has_loops or relaxes or (bool(faces) and all(isinstance(face, Disturbance) for face in faces))
 
 
-def _steps(
+def _step(
     model: StageModel,
     parts: DiagnosisData,
-    most: int,
     whole: EstimationTask,
     fit: FittedModel,
     candidates: Sequence[Candidate],
-) -> Iterator[Step]:
-    """Yield forward steps in windows, from the effects of a fit to all values.
-
-    One effect may be refused for what a second one does that is missing, too: the next step adds this one.
-    """
+) -> Step:
+    """Return the forward step in windows from the effects of a fit to all values."""
     dynamics, task = case_of(model, parts, whole.each, whole.progress)
     # A window has no delay of its own, which would stand for the phase of a mode, and begins after its lead.
     dynamics = dynamics.set_apart(())
@@ -105,13 +96,7 @@ def _steps(
     task = with_calibrated_conditions(replace(task, free=tuple(n for n in whole.free if n not in undetermined)), begun)
     # The parameters keep the values that fit all samples: windows about an error of the model would lead them astray.
     own = evaluate_design(task, task.fine(begun), fit.effects)
-    task = replace(task, calibrated_excess=own.excess)
-    while len(own.effects) < most:
-        step = forward(task, own, candidates)
-        yield step
-        if step.chosen is None:
-            return
-        own = step.chosen.fit
+    return forward(task, own, candidates)
 
 
 def confirm(task: EstimationTask, fit: FittedModel, chosen: Trial) -> Trial | None:
