@@ -106,12 +106,9 @@ def refused(diagnosis: Diagnosis) -> str:
 
 
 def undetermined(diagnosis: Diagnosis) -> str:
-    """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue.
-
-    Where these predict the validation runs worse, fitted values stay, without an interval.
-    """
+    """Return which numbers these runs cannot show, and so keep the values of the design."""
     names = join_names([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
-    return f"These runs do not determine {names}; held at values of the design, of the catalogue or of a fit."
+    return f"These runs do not determine {names}; held at the values of the design."
 
 
 def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
