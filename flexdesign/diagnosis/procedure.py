@@ -36,6 +36,7 @@ from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
 from flexdesign.diagnosis.windowed_selection import forward_in_windows
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -109,7 +110,7 @@ def diagnose(
             step_forward = partial(forward_in_windows, model, data)
         task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), step_forward)
         progress("looking at the residual")
-        conclusion = _conclude(data, task, history, dynamics)
+        history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
         diagnosis = diagnosis_of(model, data, history, conclusion)
         if conclusion.verdict == "unknown" and is_better_linear(data, history.calibration, history.final):
@@ -125,17 +126,24 @@ def _with_remark(data: DiagnosisData, remark: str) -> DiagnosisData:
 
 def _conclude(
     data: DiagnosisData, task: EstimationTask, history: SelectionHistory, dynamics: AxisDynamics
-) -> Conclusion:
-    """Return the verdict on a selection, with what it rests on."""
+) -> tuple[SelectionHistory, Conclusion]:
+    """Return the history with the parameters that the named effects leave undetermined, and the conclusion."""
     smooth_model = smooth_residual_model(data, task, history.final)
     verdict, named, refusal = decide(data, task, history, smooth_model)
+    named, held = hold_undetermined(task, named)
+    history = replace(history, undetermined=(*history.undetermined, *held))
+    determined = drop_undetermined(task, named)
+    if determined is not named:  # the remaining effects must still explain enough
+        kept = replace(history, fits=history.levels_to(determined)[1:])
+        verdict, named, _ = decide(data, task, kept, smooth_model)
+        refusal = refusal or "the 95 % interval of its strength holds its null"
     groups = confusable(task, named, history.steps)
     is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, smooth_model)
     reported_conflicts, implied_effects = shown(data, task, named, conflicts(data, named), is_done=is_done)
     task.progress("predicting the test runs")
     scored = [run for run in data.runs if run.name in data.scored]
     error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *history.levels_to(named))]
-    return Conclusion(
+    return history, Conclusion(
         verdict=verdict,
         refusal=refusal,
         smooth_model=smooth_model,

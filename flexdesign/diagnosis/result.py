@@ -196,7 +196,7 @@ class SelectionHistory:
     steps
         The steps with their trials; the last step added nothing.
     undetermined
-        Parameters of the model that the runs do not determine: they keep their design values.
+        Parameters that the runs do not determine: they keep their design values, defaults or fitted values.
     is_refused
         Whether calibration increased the validation error, so that the design values were kept.
     """

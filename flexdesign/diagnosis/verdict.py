@@ -259,6 +259,8 @@ def _share(
 def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
     """Return the parameters that belong to no run, with their 95 % intervals by the profile likelihood, by name.
 
+    The intervals of strengths are those by which effects were kept.
+
     Parameters
     ----------
     fit
@@ -269,7 +271,10 @@ def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
     """
     where = fit.solution.problem.where
     present = where.values(fit.solution.x)
-    estimates = intervals(fit.solution, [p.name for p in where.parameters if not p.run])
+    names, strengths = [p.name for p in where.parameters if not p.run], {effect.strength for effect in fit.effects}
+    alone = (intervals(fit.solution, [name])[0] for name in names if name in strengths)
+    together = intervals(fit.solution, [name for name in names if name not in strengths])
+    estimates = sorted((*alone, *together), key=lambda e: names.index(e.name))
     values = {e.name: e.value if is_fitted and e.value is not None else present[e.name] for e in estimates}
     return {e.name: Value(e.parameter, values[e.name], e.interval or e.parameter.plausible) for e in estimates}
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -264,6 +265,7 @@ def intervals(
     return estimates(solution, found, made)
 
 
+@lru_cache(maxsize=4)
 def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
     """Return a fit with values accurate to 0.05 standard deviations, and its uncertainty."""
     accuracy = 0.05**2 * uncertainty(near).variance

@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -221,6 +222,7 @@ def quadratic(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
     return Profile(max(ends[0], low), min(ends[1], high), ends[0] <= low, ends[1] >= high, False)
 
 
+@lru_cache(maxsize=16)  # the strength of an effect is asked for before all numbers are
 def profile(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
     """Return the interval of coordinate `j`, each end checked by fitting the others again."""
     path = _Path(solution, uncertainty, j)

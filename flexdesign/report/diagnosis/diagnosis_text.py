@@ -106,9 +106,12 @@ def refused(diagnosis: Diagnosis) -> str:
 
 
 def undetermined(diagnosis: Diagnosis) -> str:
-    """Return which numbers these runs cannot show, and so keep the values of the design."""
+    """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue.
+
+    Where these predict the validation runs worse, fitted values stay, without an interval.
+    """
     names = join_names([name.replace("_", " ").replace(".", ": ") for name in diagnosis.undetermined])
-    return f"These runs do not determine {names}; held at the values of the design."
+    return f"These runs do not determine {names}; held at values of the design, of the catalogue or of a fit."
 
 
 def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
