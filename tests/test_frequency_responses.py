@@ -69,6 +69,12 @@ def test_lines_outside_of_a_stated_band_are_left_out(tmp_path: Path) -> None:
     assert remark == f"lines outside of 10 Hz to 200 Hz are left out: {60 - inside.sum()} of 60"
 
 
+def test_a_line_that_two_bands_of_a_sweep_share_counts_once(tmp_path: Path) -> None:
+    found = read_frequency_response(written(tmp_path, POLAR, [*polar()[:8], *polar()[7:]]))
+    assert found.frequencies == pytest.approx(LINES) and found.response == pytest.approx(MODE, rel=1e-9)
+    assert found.remarks == ("line 11: at the frequency of the line before; left out",)
+
+
 def test_a_command_that_was_written_scaled_is_read_in_volts_of_the_command(tmp_path: Path) -> None:
     written(tmp_path, POLAR, polar())
     top = 'scale = 20\nbias = "1 V"\n[[run]]\nfile = "sweep.csv"\namplitude = "0.1 V"\nbias = "2 V"\n'

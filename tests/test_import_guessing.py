@@ -16,6 +16,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.measurements import importing
 from flexdesign.measurements.importing import header_cells, roles
 from flexdesign.measurements.importing.delimited import Dialect
+from flexdesign.measurements.importing.guessing import guess
 from flexdesign.measurements.importing.readers import read_contents
 from flexdesign.measurements.recordings import FrequencyResponse, Run, read_recordings, read_runs
 
@@ -605,3 +606,14 @@ def test_angular_frequencies_are_no_frequencies() -> None:
     assert units.factor("rpm", "Hz") == pytest.approx(1 / 60, rel=1e-12)
     assert units.from_text("1 krad/s", "Hz") == pytest.approx(159.15494309, rel=1e-9)
     assert units.factor("kHz", "Hz") == 1000.0
+
+
+def test_the_output_of_a_controller_is_the_command_next_to_a_target_position(tmp_path: Path) -> None:
+    """As the racks of ECP export it; "effort" is French for force."""
+    header = "Sample   Time     Commanded Pos   Encoder 1 Pos   Control Effort"
+    lines = [f"{k} {0.009 * k:.3f} {k} {2 * k % 7} {0.5 * (k % 3)}" for k in range(40)]
+    (tmp_path / "open.txt").write_text(f" {header}\n\n[ " + ";\n".join(lines) + "];\n")
+    chosen = {column.name: column.variable for column in guess(read_contents([tmp_path / "open.txt"])).columns}
+    assert chosen == {"t": "Time", "u": "Control Effort", "x": "Encoder 1 Pos"}
+    assert roles.role_of("Commanded Pos", "").column == "u"  # where there is no other
+    assert [roles.role_of(name, "").column for name in ("inp_1", "Controlled position")] == ["u", "x"]

@@ -153,9 +153,10 @@ def _is_clipped(values: Array, end: float) -> bool:
     """Tell whether a smooth command rests at one end in several stretches, and nowhere else as long."""
     near = 1e-9 * float(np.ptp(values))
     at_end = np.abs(values - end) <= near
-    long = [last - first for first, last in stretches(at_end) if last - first >= 3]
     rests = np.diff(values) == 0
     between = (values > values.min() + near) & (values < values.max() - near)
+    reached = between[1:-1] & ~rests[:-1]  # by a sample on the way, which a square wave has not
+    long = [last - first for first, last in stretches(at_end) if last - first >= 3 and first > 1 and reached[first - 2]]
     elsewhere = int(np.count_nonzero(rests & between[1:]))
     return len(long) >= CLIPPED_STRETCHES and sum(long) > CLIPPED_SHARE * len(values) and elsewhere < 0.2 * sum(long)
 

@@ -19,9 +19,10 @@ time: t time times timestamp zeit messzeit zeitstempel zeitpunkt uhrzeit temps t
 reference: r ref reference setpoint target desired wanted demand demanded soll sollwert sollposition sollweg consigne
     fuehrungsgroesse fuhrungsgrosse referenz riferimento referencia
 command: command commanded cmd befehl kommando commande comando stellgroesse stellgrosse
-drive: u ux uy uz input in vin uin dac ao drive driver excitation stimulus anregung eingang entree entrada ingresso
+drive: u ux uy uz input inp in vin uin dac ao drive driver excitation stimulus anregung eingang entree entrada ingresso
     ansteuerung stellsignal steuerspannung treiber source generator fgen
 converter: dac ao
+control: control controller
 voltage: voltage volt volts v spannung tension tensione voltaje tensao piezo piezospannung actuator aktor aktuator
     actionneur stack amplifier verstaerker verstarker hv 電圧 电压 напряжение
 monitor: monitor mon vmon readback
@@ -131,6 +132,8 @@ def role_of(name: str, si: str) -> Role:
     remark, axis = classes(name), axis_of(name)
     if name.strip().lower().replace("-", "_").replace(" ", "_") in ("x_value", "x_axis"):
         return Role("t", 2)
+    if not si and "position" in remark and remark & {"command", "reference"}:
+        return Role("u", 1, axis)  # a target position: next to what a controller puts out, it is no command
     for kind, column, allowed, strength in _RULES:
         if remark & kind and si in allowed:
             return Role(column, strength, axis)
@@ -152,6 +155,7 @@ _RULES: tuple[tuple[set[str], str, tuple[str, ...], int], ...] = (
     ({"command"}, "u", ("V", ""), 3),
     ({"reference"}, "u", ("V", ""), 2),  # a target position, too
     ({"position"}, "x", (*MOTION, "V", ""), 3),
+    ({"control"}, "u", ("V", ""), 2),  # "control effort": what a controller puts out enters the stage
     ({"monitor"}, "v", ("V", ""), 2),
     ({"converter"}, "u", ("V", ""), 2),  # "DAC out": what leaves a converter enters the stage
     ({"sensor"}, "x", MOTION, 2),

@@ -149,7 +149,7 @@ def read(path: Path, measurements: Measurements, settings: RunSettings) -> Frequ
     Raises
     ------
     InputError
-        If the file is no such table, a unit is wrong, frequencies do not increase from above zero, a coherence is not
+        If the file is no such table, a unit is wrong, frequencies decrease or are not above zero, a coherence is not
         between 0 and 1, both shapes are mixed, or fewer than eight lines can be used.
     """
     require_applicable(measurements, settings, of_run=False)
@@ -157,6 +157,7 @@ def read(path: Path, measurements: Measurements, settings: RunSettings) -> Frequ
     response = _response(sheet)
     sheet, response, outside = _in_band(sheet, response, settings.band)
     sheet, response, remarks = _usable(sheet, response)
+    sheet, response, doubles = _once(sheet, response)
     frequencies = _frequencies(sheet)
     setup = measurements.setup
     amplitude, bias = _number(sheet, settings, "amplitude"), _number(sheet, settings, "bias")
@@ -183,7 +184,7 @@ def read(path: Path, measurements: Measurements, settings: RunSettings) -> Frequ
         kind=settings.kind,
         payload=settings.conditions.payload,
         role_is_stated=settings.role is not None,
-        remarks=(*outside, *remarks),
+        remarks=(*outside, *remarks, *doubles),
     )
 
 
@@ -232,15 +233,22 @@ def _usable(sheet: Sheet, response: Complex) -> tuple[Sheet, Complex, list[str]]
     return sheet.rows(there), response[there], lines
 
 
+def _once(sheet: Sheet, response: Complex) -> tuple[Sheet, Complex, tuple[str, ...]]:
+    """Return each line once, and what was left out: bands of a sweep may share the line where they meet."""
+    again = np.diff(sheet.values[FREQUENCY], prepend=-np.inf) == 0
+    remarks = (f"{sheet.where(again)}: at the frequency of the line before; left out",) if again.any() else ()
+    return sheet.rows(~again), response[~again], remarks
+
+
 def _frequencies(sheet: Sheet) -> Array:
     found = sheet.values[FREQUENCY]
     if found[0] <= 0:
         remedy = "a frequency is above zero; leave the line out"
         raise sheet.cell_error(0, FREQUENCY, f"{found[0]:g} Hz", remedy)
-    back = np.flatnonzero(np.diff(found) <= 0)
+    back = np.flatnonzero(np.diff(found) < 0)
     if back.size:
         row = int(back[0]) + 1
-        remedy = f"is not above the line before ({found[row - 1]:.9g} Hz); sort the lines, remove doubles"
+        remedy = f"is below the line before ({found[row - 1]:.9g} Hz); sort the lines"
         raise sheet.cell_error(row, FREQUENCY, f"{found[row]:.9g} Hz", remedy)
     return found
 
