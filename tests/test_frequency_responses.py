@@ -166,6 +166,8 @@ def test_one_response_is_judged_by_every_fourth_line_and_a_second_one_by_itself(
     assert np.isnan(kept.measured()).sum() == 90
     again = [found, replace(found, name="again"), replace(found, name="higher", bias=50.0)]
     assert [each.role for each in split_lines(again)] == ["identify", "validate", "identify"]
+    narrow = FrequencyResponse("narrow", LINES[20:40], MODE[20:40])  # says nothing of most lines of the other
+    assert len(split_lines([found, narrow])) == 4
     stated = [replace(found, role_is_stated=True), replace(found, name="other")]
     assert split_lines(stated) == tuple(stated)
     tested = [replace(found, role="test"), replace(found, name="other")]

@@ -41,6 +41,8 @@ DISPLAY = {
     "1/m": "1/mm",
     "1": "",
 }
+#: The units of sizes from ten thousand, and from a million of another on.
+COARSER = {"um": ("mm", "m"), "mV": ("V", "V"), "urad": ("mrad", "rad"), "V": ("kV", "kV")}
 #: What each SI unit measures, in words.
 MEASURES = {
     "m": "length",
@@ -203,6 +205,18 @@ def to_text(value: float, unit: str, digits: int = 4, si: str | None = None) -> 
     """Write the SI number `value` in `unit`, with `digits` significant digits."""
     number = value / factor(unit or "1", si or _si_of(unit))
     return f"{significant(number, digits)} {unit}".rstrip()
+
+
+def suitable(unit: str, value: float, si: str) -> str:
+    """Return a unit, or a coarser one where an SI number has five digits and more before the point.
+
+    >>> suitable("urad/V", 0.0122, "rad/V"), suitable("um", 2e-4, "m"), suitable("um", -3.0, "m")
+    ('mrad/V', 'um', 'm')
+    """
+    base, per, rest = unit.partition("/")
+    if base not in COARSER or not 1e4 <= (number := abs(value) / factor(unit, si)) < math.inf:
+        return unit
+    return COARSER[base][number >= 1e6] + per + rest
 
 
 def significant(number: float, digits: int = 4) -> str:

@@ -17,8 +17,6 @@ from flexdesign.dynamics.stage_model import ResponseUnits
 UNIFORM = 0.1
 #: The unit of errors below a tenth of another.
 FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
-#: The units of sizes from ten thousand, and from a million of another on.
-COARSER = {"um": ("mm", "m"), "mV": ("V", "V"), "urad": ("mrad", "rad"), "V": ("kV", "kV")}
 
 #: The units of axes, from small to large.
 AXIS_UNITS = {"m": ("nm", "um", "mm", "m"), "rad": ("nrad", "urad", "mrad", "rad"), "V": ("uV", "mV", "V", "kV")}
@@ -154,8 +152,8 @@ def limit(value: float, si: str, size: float | None = None) -> str:
         unit = "s" if size >= 1 else "ms" if size >= 1e-3 else "us"
     else:
         default_unit = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
-        if default_unit in ("um", "urad") and 1e4 <= 1e6 * size < math.inf:
-            default_unit = COARSER[default_unit][size >= 1]
+        if default_unit in ("um", "urad"):
+            default_unit = units.suitable(default_unit, size, si)
         unit = (si.unit if isinstance(si, ResponseUnits) else "") or default_unit
     number = f"{value / units.factor(unit, si):.{2 if si == 'Hz' else 3}g}"
     return f"{float(number):g} {sign(unit)}"
@@ -198,13 +196,10 @@ def _suitable_text(response: str, value: float, usual: str, digits: int) -> str:
     '2.00 rad/V'
     """
     base, per, volt = usual.partition("/")
-    unit, size = base, abs(value) / units.factor(usual, response)
+    unit = usual
     if not (isinstance(response, ResponseUnits) and response.unit):
-        if 0 < size < 0.1:
-            unit = FINER.get(base, base)
-        elif 1e4 <= size < math.inf:
-            unit = COARSER[base][size >= 1e6]
-    unit += per + volt
+        is_small = 0 < abs(value) / units.factor(usual, response) < 0.1
+        unit = FINER.get(base, base) + per + volt if is_small else units.suitable(usual, value, response)
     return units.to_text(value, unit, digits, si=response).replace(unit, sign(unit))
 
 

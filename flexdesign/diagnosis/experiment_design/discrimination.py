@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
     signature_of,
 )
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, other_excitations, suite_of
-from flexdesign.diagnosis.experiment_design.limits import StatedLimits, dynamics, of_axis
+from flexdesign.diagnosis.experiment_design.limits import dynamics, of_axis
 from flexdesign.diagnosis.preparation.initial_conditions import modes
 from flexdesign.diagnosis.result import Diagnosis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -291,7 +291,8 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
 def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Proposal:
     resolved = list[Resolved]()
     try:
-        limits = of_axis(found.model, found.axis, StatedLimits(rate=_rate(found)))
+        sampled = replace(found.model, controller=replace(found.model.controller, rate=_rate(found)))
+        limits = of_axis(sampled, found.axis)
         model = dynamics(found.model, found.axis, limits)
         menu = [*suite_of(model, limits), *other_excitations(model, limits)]
         for other in group[1:]:

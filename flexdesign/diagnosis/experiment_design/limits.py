@@ -207,7 +207,7 @@ def _bandwidth(axis: AxisModel, asked: StatedLimits, rate: float, file: str, ori
     wanted, nyquist = ABOVE_RESONANCE * highest, BELOW_NYQUIST * rate
     if nyquist < wanted:
         fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
-        remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more (--rate)"
+        remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more"
         raise InputError("command line" if asked.rate else file, origin["rate"], f"{rate:g} Hz", remedy)
     if asked.bandwidth is None:
         origin["bandwidth"] = f"{BELOW_NYQUIST:g} of the sampling rate"

@@ -223,16 +223,21 @@ class _Check:
 
 
 def _pair_text(parameter: Parameter, pair: tuple[float, float], word: str = " to ", sigma: float | None = None) -> str:
-    """Write two values in the parameter's unit, which is named once."""
-    first, second = (_text(parameter, number, sigma) for number in pair)
-    return f"{first.removesuffix(parameter.unit).rstrip()}{word}{second}"
+    """Write two values in one unit, which is named once."""
+    finite = [abs(number) for number in pair if math.isfinite(number)]
+    unit = units.suitable(parameter.unit, max(finite, default=0.0), parameter.si)
+    first, second = (_text(parameter, number, sigma, unit=unit) for number in pair)
+    return f"{first.removesuffix(unit).rstrip()}{word}{second}"
 
 
-def _text(parameter: Parameter, number: float, sigma: float | None = None, digits: int = 4) -> str:
-    """Write a value in its unit, to two digits of its standard deviation if that is given."""
+def _text(
+    parameter: Parameter, number: float, sigma: float | None = None, digits: int = 4, unit: str | None = None
+) -> str:
+    """Write a value in a unit, or in that which suits it, to two digits of its standard deviation if that is given."""
     if sigma and number and math.isfinite(sigma) and math.isfinite(number):
         digits = int(np.clip(2 + math.floor(math.log10(abs(number))) - math.floor(math.log10(sigma)), 2, 9))
-    return units.to_text(number, parameter.unit, digits, si=parameter.si)
+    unit = units.suitable(parameter.unit, number, parameter.si) if unit is None else unit
+    return units.to_text(number, unit, digits, si=parameter.si)
 
 
 #: Intervals by index of the coordinate; None in the null space.

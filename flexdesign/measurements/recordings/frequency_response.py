@@ -285,20 +285,25 @@ def _number(sheet: Sheet, settings: RunSettings, name: str) -> float | None:
 def split_lines(responses: Sequence[FrequencyResponse]) -> tuple[FrequencyResponse, ...]:
     """Return frequency responses with roles; where somebody chose them, as they are.
 
-    Where one was measured more than once under the same conditions, the last is kept for validation. Where none was,
-    every fourth line of each is: both halves are the whole response with NaN where the other half counts, and are
-    called ``NAME:identify`` and ``NAME:validate``.
+    Where one was measured more than once under the same conditions and in the same band, the last is kept for
+    validation. Where none was, every fourth line of each is: both halves are the whole response with NaN where the
+    other half counts, and are called ``NAME:identify`` and ``NAME:validate``.
     """
     if any(each.role_is_stated or each.role != "identify" for each in responses):
         return tuple(responses)
-    alike: dict[tuple[object, ...], list[str]] = {}
-    for each in responses:
-        about = (each.axis, each.amplitude, each.bias, each.payload, each.command_is, each.kind.strip().lower())
-        alike.setdefault(about, []).append(each.name)
-    last_of = {names[-1] for names in alike.values() if len(names) > 1}
+    repeated = [[each for each in responses if _is_repeat(first, each)] for first in responses]
+    last_of = {alike[-1].name for alike in repeated if len(alike) > 1}
     if last_of:
         return tuple(replace(each, role="validate") if each.name in last_of else each for each in responses)
     return tuple(half for each in responses for half in _halves(each))
+
+
+def _is_repeat(one: FrequencyResponse, other: FrequencyResponse) -> bool:
+    """Tell whether two responses show the same: of each band the other holds most, on a logarithmic axis."""
+    conditions = [(r.axis, r.amplitude, r.bias, r.payload, r.command_is, r.kind.strip().lower()) for r in (one, other)]
+    (low, high), (low_other, high_other) = (np.log(r.frequencies[[0, -1]]) for r in (one, other))
+    shared = min(high, high_other) - max(low, low_other)
+    return conditions[0] == conditions[1] and bool(2 * shared >= max(high - low, high_other - low_other))
 
 
 def _halves(response: FrequencyResponse) -> tuple[FrequencyResponse, FrequencyResponse]:

@@ -279,7 +279,7 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
     for value in calibration:
         p, estimate = value.parameter, prose.estimate_of(value)
         old = before.get(p.name)
-        was = "–" if old is None else units.to_text(old, p.unit, si=p.si)
+        was = "–" if old is None else units.to_text(old, units.suitable(p.unit, old, p.si), si=p.si)
         change = f"{100 * (value.value / old - 1):+.2g} %" if old else "–"
         rows.append([p.name, was, estimate.value_text, estimate.interval_text, change])
     return Table(["parameter", "design", "fitted", "95 % interval", "change"], rows)

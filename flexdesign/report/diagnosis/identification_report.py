@@ -254,7 +254,8 @@ def _fit_section(identification: Identification) -> list[str]:
 
 
 def _value(estimate: Estimate, number: float) -> str:
-    return units.to_text(number, estimate.parameter.unit, si=estimate.parameter.si)
+    parameter = estimate.parameter
+    return units.to_text(number, units.suitable(parameter.unit, number, parameter.si), si=parameter.si)
 
 
 def _prior(identification: Identification, estimate: Estimate) -> str:
