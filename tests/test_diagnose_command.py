@@ -81,6 +81,14 @@ def unknown() -> Diagnosis:
     )
 
 
+def test_effects_of_one_step_share_what_they_explain() -> None:
+    shares = {"creep": 0.5, "preload_loss": 0.4, "base_motion": 0.4}
+    tried = (("creep",), ("preload_loss", "base_motion"))
+    steps = tuple(CandidateRecord(names, (), 1e-6, 0.5, 9.0, "added") for names in tried)
+    text = diagnosis_text.possible(replace(unknown(), possible_effects=shares, candidates=steps))
+    assert "creep (50 %) and preload loss and base motion (together 40 %)" in text.lower()
+
+
 # --- the demo -------------------------------------------------------------------------------------------------------
 
 

@@ -230,7 +230,7 @@ def test_what_is_known_breaks_an_entanglement() -> None:
     observed = noisy(toy, {"gain": 2.0, "a": 0.7}, 0.05)
     found = fit(toy, [observed], ["gain", "a"], known={"a": (0.7, 0.07)})
     assert found.undetermined == ("a",)
-    assert "add nothing to the prior, 700000 ± 70000 um/V" in found["a"].reason
+    assert "add nothing to the prior, 700 ± 70 mm/V" in found["a"].reason
     ends = np.array([1.0, -1.0]) * norm.ppf(0.975) * 0.1
     assert found["gain"].interval == pytest.approx(1.4 / 0.7 / (1 + ends), rel=0.02)  # noise and search: 1 % each
 
@@ -277,7 +277,7 @@ def test_a_value_at_its_bound_is_no_number() -> None:
     found = fit(narrow, [noisy(OSCILLATION, TRUTH, 0.1)], list(TRUTH))
     assert found.undetermined == ("a",) and found["a"].interval is not None
     assert found["a"].interval[1] == pytest.approx(1.7)
-    assert "at least" in found["a"].reason and "upper end of what is plausible, 1700000 um" in found["a"].reason
+    assert "at least" in found["a"].reason and "upper end of what is plausible, 1.700 m" in found["a"].reason
 
 
 def test_a_strength_that_is_not_told_from_zero_has_an_upper_limit() -> None:

@@ -365,3 +365,12 @@ def test_a_second_effect_that_only_the_fitted_runs_show_comes_with_no_first() ->
         step = forward(about, calibrated_stand(about), effects())
         assert ("d", "e") in reasons(step) or ("e", "d") in reasons(step)
         assert step.chosen is not None and {*step.chosen.names} == names
+
+
+def test_a_discrepancy_divides_what_the_runs_say_and_no_prior() -> None:
+    """What a model lacks makes a misfit coloured noise; how well its parameters were known beforehand it leaves."""
+    own = 2.0 - 5 * 0.1  # the runs hold p = 2
+    fit = calibrated_stand(task({}, p=(own, 0.1)))
+    prior = (fit.solution.problem.where.values(fit.solution.x)["p"] - own) / 0.1
+    assert prior == pytest.approx(5.0, abs=0.5)
+    assert fit.bic(7.0) - fit.bic(1.0) == pytest.approx(6 * prior**2, rel=1e-6)

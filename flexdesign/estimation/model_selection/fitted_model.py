@@ -113,13 +113,14 @@ class FittedModel:
     def bic(self, discrepancy: float) -> float:
         """Return BIC over all runs (Schwarz 1978), times the discrepancy of the models that are compared.
 
-        It is the same for all of them, as in QAIC (Burnham and Anderson 2002, section 2.5).
+        It is the same for all of them, as in QAIC (Burnham and Anderson 2002, section 2.5). It divides chi^2 of the
+        runs alone: what a model lacks takes nothing from the priors of its parameters.
         """
         free = {name for effect in self.effects for name in effect.free}
         # A parameter that differs from run to run counts once for each run.
         count = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
-        penalty = count * math.log(self.solution.problem.dataset.samples)
-        return self.cost + self.validation_chi2 + penalty * discrepancy
+        penalty = count * math.log(self.solution.problem.dataset.samples) + self.cost - self.fitted_chi2
+        return self.fitted_chi2 + self.validation_chi2 + penalty * discrepancy
 
     def ends(self) -> list[str]:
         """Return the parameters that the fit moved to an end of their plausible range."""

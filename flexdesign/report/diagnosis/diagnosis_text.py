@@ -78,9 +78,13 @@ def _remains(diagnosis: Diagnosis) -> str:
 
 def possible(diagnosis: Diagnosis) -> str:
     """Return the effects that may be there without being certain, what each explains, and how it is fitted."""
-    names = join_names([f"{effect_name(n)} ({words.percent(s)})" for n, s in diagnosis.possible_effects.items()])
-    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in diagnosis.possible_effects)
-    is_one = len(diagnosis.possible_effects) == 1
+    shares = diagnosis.possible_effects
+    added = {name: tried.names for tried in diagnosis.candidates if tried.outcome == "added" for name in tried.names}
+    steps = dict.fromkeys(tuple(n for n in added.get(name, ()) if n in shares) or (name,) for name in shares)
+    said = {step: f"{'together ' if len(step) > 1 else ''}{words.percent(shares[step[0]])}" for step in steps}
+    names = join_names([f"{join_names([effect_name(n) for n in step])} ({share})" for step, share in said.items()])
+    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in shares)
+    is_one = len(shares) == 1
     refusal = f" {'It is' if is_one else 'They are'} not named, as {diagnosis.refusal}." if diagnosis.refusal else ""
     return (
         f"Possible, but not certain, with the explained share of what calibration leaves: {names}.{refusal} "
