@@ -271,8 +271,8 @@ def _noise(comparison: Comparison) -> str:
     ratio = units.significant(comparison.rms / comparison.floor, 3)
     if not comparison.noise.known:
         return (
-            f"The noise is unknown: nothing stands still or repeats in these runs. In its quietest band the response "
-            f"has {noise_floor}; the error is {ratio} times that."
+            "The noise is unknown: nothing repeats in these runs, or stands still for longer than the model rings. In "
+            f"its quietest band the response has {noise_floor}; the error is {ratio} times that."
         )
     return f"The noise floor is {noise_floor} ({comparison.noise.source}): the error is {ratio} times that."
 
