@@ -89,6 +89,16 @@ def test_effects_of_one_step_share_what_they_explain() -> None:
     assert "creep (50 %) and preload loss and base motion (together 40 %)" in text.lower()
 
 
+def test_what_hinders_a_simulated_experiment_is_a_field_of_the_model() -> None:
+    """`diagnose` has no option of the sampling rate, as `plan` has."""
+    found = diagnosed()
+    slow = replace(found.model, controller=replace(found.model.controller, rate=50.0))
+    group = ("creep", "base_motion")
+    (proposal,) = experiment_design.proposals(replace(found, model=slow, confusable=(group,)))
+    assert proposal.reason.startswith("controller.rate is too slow to see the resonance")
+    assert "--" not in proposal.reason
+
+
 # --- the demo -------------------------------------------------------------------------------------------------------
 
 
