@@ -20,8 +20,8 @@ from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
-from flexdesign.diagnosis.comparison import compare
 from flexdesign.diagnosis.experiment_design.discrimination import proposals
+from flexdesign.diagnosis.initialised_comparison import compare
 from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
 from flexdesign.measurements.noise_level.lines import LineNoise, noise_of_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 
-from flexdesign.diagnosis import comparison
 from flexdesign.diagnosis.comparison import Comparison
+from flexdesign.diagnosis.comparison.compare import remarks_of
 from flexdesign.diagnosis.effect_selection.estimation_setup import PRIOR_BOUND, case_of, evaluate_design, simulating
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.model_selection.fitted_model import predict_tests
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 
@@ -50,30 +48,36 @@ def compare(
     Raises
     ------
     InputError
-        As `flexdesign.diagnosis.comparison.compare`.
+        If the axis is ambiguous, a run lacks its command or response or has it in another unit, or the model gives no
+        numbers for a run.
     """
-    began = perf_counter()
-    plain = comparison.compare(model, recorded, axis=axis, progress=progress)
-    if not plain.runs:
-        return plain
     # Roles matter to no prediction: every run is fitted by its own numbers alone.
-    every = [replace(each, role="identify", role_is_stated=True) for each in recorded if isinstance(each, Run)]
+    every = [replace(each, role="identify", role_is_stated=True) for each in recorded]
+    progress("reading the noise")
+    data = prepare(model, every, axis, None, noise)
     progress("fitting the initial conditions of each run")
-    data = prepare(model, every, plain.axis, None, noise)
     with simulating() as each:
         dynamics, task = case_of(model, data, each, progress)
         fit = evaluate_design(replace(task, free=(), prior_bound=PRIOR_BOUND), dynamics)
-    residuals = predict_tests(task, fit).residuals_by_run
-    roles = {run.name: run.role for run in plain.runs}
-    alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in data.runs}
-    seen = tuple(replace(run, role=roles[run.name]) for run in data.runs)
     progress("looking where it fails")
     nominal = ModelResiduals(
-        axis=plain.axis, before=model, model=model, runs=seen, noise=data.noise, residuals_by_run={"found": residuals}
+        axis=data.name,
+        before=model,
+        model=model,
+        runs=data.runs,
+        noise=data.noise,
+        residuals_by_run={"found": fit.residuals_by_run},
+        responses=data.responses,
+        lines=data.lines,
     )
-    found = compare_model(nominal, "found")
+    found, roles = compare_model(nominal, "found"), {run.name: run.role for run in recorded}
     runs = tuple(
-        replace(run, offset_rms=alone[run.name], remarks=before.remarks)
-        for run, before in zip(found.runs, plain.runs, strict=True)
+        replace(
+            compared,
+            role=roles[run.name],
+            remarks=remarks_of(dynamics, run),
+            offset_rms=float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))),
+        )
+        for compared, run in zip(found.runs, data.runs, strict=True)
     )
-    return replace(found, runs=runs, responses=plain.responses, seconds=perf_counter() - began)
+    return replace(found, runs=runs, responses=tuple(replace(e, role=roles[e.name]) for e in found.responses))

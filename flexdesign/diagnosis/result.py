@@ -69,7 +69,7 @@ def compare_model(found: ModelResiduals, which: Which) -> Comparison:
     model = found.before if which == "calibrated" else found.model
     responses = join_halves(found.responses, residuals_by_name, found.lines) if found.responses else ()
     if not found.runs:
-        return Comparison(model, found.axis, (), found.noise, (), (), 0.0, responses)
+        return Comparison(model, found.axis, (), found.noise, (), (), responses)
     runs = compared_runs(found, which)
     residuals, predicted = ({run.name: getattr(run, of) for run in runs} for of in ("residual", "predicted"))
     return Comparison(
@@ -79,7 +79,6 @@ def compare_model(found: ModelResiduals, which: Which) -> Comparison:
         noise=found.noise,
         where=where(residuals, found.runs, predicted, found.noise),
         observed=tuple(found.runs),
-        seconds=0.0,
         responses=responses,
     )
 

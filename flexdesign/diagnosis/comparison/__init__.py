@@ -1,9 +1,9 @@
 """Comparison of a stage model with recorded runs: by how much it fails, and where.
 
-`where` takes the residuals of any model, and divides what they have above the noise floor; `compare` makes them.
+`where` takes the residuals of any model, and divides what they have above the noise floor.
 """
 
-from flexdesign.diagnosis.comparison.compare import Comparison, RunComparison, compare
+from flexdesign.diagnosis.comparison.compare import Comparison, RunComparison
 from flexdesign.diagnosis.comparison.error_location import Breakdown, Part, holds, where
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, by_band, join_halves
 
@@ -14,7 +14,6 @@ __all__ = [
     "ResponseComparison",
     "RunComparison",
     "by_band",
-    "compare",
     "holds",
     "join_halves",
     "where",

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.comparison.error_location import Breakdown, where
-from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, compared_lines
-from flexdesign.dynamics.axis import axis_response
-from flexdesign.dynamics.axis.axis_choice import choose_axis
-from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
-from flexdesign.dynamics.axis.axis_run import measured_stroke, noise_of_axis, of_axis
+from flexdesign.diagnosis.comparison.error_location import Breakdown
+from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.measurements.noise_level import NoiseFloor, line_noise
-from flexdesign.measurements.noise_level.lines import noise_of_lines
+from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
 #: Below this correlation the reversed prediction would explain more than half of the motion.
@@ -108,8 +103,6 @@ class Comparison:
         The unexplained error by run, frequency and operating region.
     observed
         The runs as the axis sees them, with gaps where they cannot be compared.
-    seconds
-        How long it took.
     responses
         Frequency responses, in the order given.
     """
@@ -120,7 +113,6 @@ class Comparison:
     noise: NoiseFloor
     where: tuple[Breakdown, ...]
     observed: tuple[Run, ...]
-    seconds: float
     responses: tuple[ResponseComparison, ...] = ()
 
     def __post_init__(self) -> None:
@@ -171,72 +163,10 @@ class Comparison:
         return next((breakdown for breakdown in self.where if breakdown.by == what), None)
 
 
-def compare(
-    model: StageModel,
-    runs: Sequence[Run | FrequencyResponse],
-    *,
-    axis: str | None = None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Comparison:
-    """Predict runs and frequency responses with a stage model as it is, and say by how much and where it fails.
-
-    Every run has an unknown offset of its own, which is taken out. What a mode did before the record began is unknown,
-    too: until it has decayed, a run is not compared.
-
-    Parameters
-    ----------
-    model
-        The stage model; nothing is fitted.
-    runs
-        What was recorded.
-    axis
-        Which one; may be left out where model and runs leave no choice.
-    progress
-        Receives the progress as text.
-
-    Raises
-    ------
-    InputError
-        If the axis is ambiguous, a run lacks its command or response or has it in another unit, or the model gives no
-        numbers for a run.
-    """
-    began = perf_counter()
-    name = choose_axis(model, runs, axis)
-    its = model.axes[name]
-    runs_ = [run for run in runs if isinstance(run, Run)]
-    seen = [of_axis(run, name, its) for run in runs_]
-    measured = [axis_response.of_axis(each, name, its) for each in runs if isinstance(each, FrequencyResponse)]
-    max_command = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
-    dynamics = AxisDynamics(name, its, max_command, tolerance=COMPARED_TOLERANCE, delay=model.controller.delay)
-    progress("reading the noise")
-    lines = {each.name: line_noise(each) for each in measured}
-    responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)
-    if not seen:
-        return Comparison(model, name, (), noise_of_lines(measured, lines), (), (), perf_counter() - began, responses)
-    noise = noise_of_axis(runs_, name, its)
-    stroke = measured_stroke(runs_, name)
-    comparisons, observed = [], []
-    for run in seen:
-        progress(f"predicting {run.name}")
-        observed.append(dynamics.comparable(run))
-        comparisons.append(compare_run(dynamics, run, noise.rms[run.name], stroke))
-    progress("looking where it fails")
-    residuals = {run.name: run.residual for run in comparisons}
-    predictions = {run.name: run.predicted for run in comparisons}
-    return Comparison(
-        model=model,
-        axis=name,
-        runs=tuple(comparisons),
-        noise=noise,
-        where=where(residuals, observed, predictions, noise),
-        observed=tuple(observed),
-        seconds=perf_counter() - began,
-        responses=responses,
-    )
-
-
-def compare_run(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float | None = None) -> RunComparison:
+def compare_run(dynamics: AxisDynamics, run: Run, noise_floor: float) -> RunComparison:
     """Compare a run with the prediction of a model, the offset of the sensor removed, where both compare.
+
+    What a mode did before the record began is unknown: until it has decayed, the run is not compared.
 
     Parameters
     ----------
@@ -244,8 +174,6 @@ def compare_run(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: fl
         The model, and the run as its axis sees it.
     noise_floor
         Standard deviation of the noise [response].
-    stroke
-        What the response covers in all runs together [response]; by default in this run.
 
     Raises
     ------
@@ -260,18 +188,16 @@ def compare_run(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: fl
         remedy = "the model's response grows without bound in this run; check its damping and its effects"
         raise InputError(run.name, dynamics.name, None, remedy)
     predicted = predicted + float(np.mean((measured - predicted)[there]))
-    stroke = float(np.ptp(measured[there])) if stroke is None else stroke
-    remarks = _remarks(dynamics, run)
+    stroke, remarks = float(np.ptp(measured[there])), remarks_of(dynamics, run)
+    if skipped := dynamics.unknown_start(run):
+        began = "the command was moving when the recording began"
+        remarks = (*remarks, f"{began}: the first {skipped * run.period:.3g} s are not compared")
     return RunComparison(run.name, run.role, run.time, run.command(), measured, predicted, noise_floor, stroke, remarks)
 
 
-def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
+def remarks_of(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
+    """Return what to keep in mind about a run: what else moved, and what the limits of the model cut off."""
     remarks = list(run.remarks)
-    skipped = dynamics.unknown_start(run)
-    if skipped:
-        remarks.append(
-            f"the command was moving when the recording began: the first {skipped * run.period:.3g} s are not compared"
-        )
     others = [name for name in run.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(run.columns[name])]
     if others:
         remarks.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")

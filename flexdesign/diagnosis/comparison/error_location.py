@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from flexdesign.core.arrays import Array, Flags
+from flexdesign.core.arrays import Array, Places
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
 #: Regions of position and of voltage.
 REGIONS = 5
-#: Speeds, as shares of the largest: below the first the stage rests, above the second it is fast.
-SPEED_AT_REST, FAST_SPEED = 0.01, 0.25
-#: The largest speed is this quantile of all: single samples do not count.
-SPEED_QUANTILE = 0.98
+#: Speeds over their rms: below the first the stage rests, above the second it is fast.
+SPEED_AT_REST, FAST_SPEED = 0.01, 0.5
 #: A command makes a step if it jumps by this share of its span between two samples, and then stays for this number of
 #: samples within this share.
 STEP_JUMP, STEP_SAMPLES, STEP_STILL = 0.05, 20, 5e-3
@@ -41,7 +39,7 @@ class Part:
     share
         Of the unexplained error, 0 to 1; all zero where nothing is above the noise floor.
     weight
-        Of the samples, each run counting the same, or of the frequency range; 0 to 1.
+        Of the samples, each run counting the same, or of the frequencies; 0 to 1.
     rms
         Of the residual in it [response].
     """
@@ -97,13 +95,41 @@ class Breakdown:
         return self.parts[first:last]
 
 
+def parts_of(
+    place: Places,
+    limits: Sequence[tuple[float, float]],
+    squares: Array,
+    noise: Array,
+    weight: Array,
+    labels: Sequence[str] = (),
+) -> tuple[Part, ...]:
+    """Return the parts to which the squares of an error belong, their shares summing to one.
+
+    Within a part, noise is subtracted from the sum of squares, and what falls below zero counts as none.
+
+    Parameters
+    ----------
+    place
+        Index of the part to which each of n squares belongs.
+    limits, labels
+        Of each part; without labels the limits say what it is.
+    squares, noise, weight
+        n values each: weighted squares of the error, what noise gives of them, and their weights.
+    """
+    total, floor, weights = (np.bincount(place, each, len(limits)) for each in (squares, noise, weight))
+    excess = np.maximum(total - floor, 0.0)
+    rms = np.sqrt(total / np.where(weights > 0, weights, 1.0))
+    shares, weights = excess / (excess.sum() or 1.0), weights / (weights.sum() or 1.0)
+    numbers = zip(labels or [""] * len(limits), limits, shares.tolist(), weights.tolist(), rms.tolist(), strict=True)
+    return tuple(Part(label, *ends, share, of_all, size) for label, ends, share, of_all, size in numbers)
+
+
 def where(
     residuals: Mapping[str, Array], runs: Sequence[Run], predictions: Mapping[str, Array], noise_floor: NoiseFloor
 ) -> tuple[Breakdown, ...]:
     """Divide the unexplained error: the mean square above the noise floor, summed over runs.
 
-    A run counts by its mean square, however long it is. Within a part, noise is subtracted from the sum of squares,
-    and what falls below zero counts as none.
+    A run counts by its mean square, however long it is.
 
     Parameters
     ----------
@@ -121,51 +147,54 @@ def where(
     tuple of Breakdown
         By run, frequency, position, velocity and voltage; and by time since the last step where a command jumps.
     """
-    samples = [_Samples.of(run, residuals[run.name], predictions[run.name], noise_floor) for run in runs]
-    total = sum(s.excess(s.present) for s in samples)
+    each = [_samples(run, residuals[run.name], predictions[run.name], noise_floor.rms[run.name]) for run in runs]
+    number = np.repeat(np.arange(len(runs)), [samples.shape[1] for samples in each])
+    squares, noise, weight, position, velocity, command, since = np.concatenate(each, axis=1)
+
+    def between(values: Array, edges: Sequence[float], labels: Sequence[str] = ()) -> tuple[Part, ...]:
+        there = np.isfinite(values)
+        place, limits = np.digitize(values[there], edges[1:-1]), [*pairwise(edges)]
+        return parts_of(place, limits, squares[there], noise[there], weight[there], labels)
+
+    def in_regions(values: Array) -> tuple[Part, ...]:
+        return between(values, np.linspace(values.min(), values.max(), REGIONS + 1).tolist())
+
     response = runs[0].si[runs[0].responses[0]] if len(runs[0].responses) == 1 else "m"
-    made = [_by_run(samples), _by_frequency(samples, noise_floor)]
-    made.append(Breakdown("position", response, _in_regions(samples, [s.position for s in samples])))
-    made.append(_by_velocity(samples, response))
-    made.append(Breakdown("voltage", "V", _in_regions(samples, [s.command for s in samples])))
-    if any(s.since.size and np.isfinite(s.since).any() for s in samples):
-        made.append(_by_time_since_step(samples, total))
+    speed, most = float(np.sqrt(np.mean(velocity**2))) or 1.0, float(np.abs(velocity).max())
+    slow, fast = SPEED_AT_REST * speed, FAST_SPEED * speed
+    motions = ["down fast", "down slowly", "at rest", "up slowly", "up fast"]
+    nowhere = [(math.nan, math.nan)] * len(runs)
+    made = [
+        Breakdown("run", "", parts_of(number, nowhere, squares, noise, weight, [run.name for run in runs])),
+        _by_frequency(residuals, runs, noise_floor),
+        Breakdown("position", response, in_regions(position)),
+        Breakdown("velocity", f"{response}/s", between(velocity, [-most, -fast, -slow, slow, fast, most], motions)),
+        Breakdown("voltage", "V", in_regions(command)),
+    ]
+    if (after := np.isfinite(since)).any():
+        shortest = max(min(run.period for run in runs), 1e-6)
+        longest = max(float(since[after].max()), 2 * shortest)
+        decades = range(math.floor(math.log10(shortest)) + 1, math.ceil(math.log10(longest) - 1e-9) + 1)
+        excess, total = float((squares - noise)[after].sum()), float((squares - noise).sum())
+        covers = min(max(excess / total, 0.0), 1.0) if total > 0 else 0.0
+        parts = between(since, [0.0, *(10.0**k for k in decades)])
+        made.append(Breakdown("time since the last step", "s", parts, covers))
     return tuple(made)
 
 
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """A run sample by sample: residual, prediction, velocity, command, time since the last step (NaN if none)."""
+def _samples(run: Run, residual: Array, prediction: Array, noise: float) -> Array:
+    """Return what is known of each sample of a run that was compared.
 
-    run: Run
-    present: Flags
-    residual: Array
-    position: Array
-    velocity: Array
-    command: Array
-    since: Array
-    noise: float
-
-    @classmethod
-    def of(cls, run: Run, residual: Array, prediction: Array, noise_floor: NoiseFloor) -> _Samples:
-        present = np.isfinite(residual)
-        velocity = np.gradient(prediction, run.period)
-        filled = np.where(present, residual, 0.0)
-        command = run.command()
-        since = _since_step(command, run.period)
-        return cls(run, present, filled, prediction, velocity, command, since, noise_floor.rms[run.name])
-
-    @property
-    def count(self) -> int:
-        return max(int(self.present.sum()), 1)
-
-    def energy(self, at: Flags) -> float:
-        """Return the share of the mean square that some samples have."""
-        return float(np.sum(self.residual[at & self.present] ** 2)) / self.count
-
-    def excess(self, at: Flags) -> float:
-        """Return the same without the noise."""
-        return self.energy(at) - self.noise**2 * int((at & self.present).sum()) / self.count
+    The square of its residual, that of the noise, and its weight, for a mean over the run; then position, velocity,
+    command, and the time since the last step (NaN if none).
+    """
+    seen, command, since = np.isfinite(residual), run.command(), np.full(len(residual), np.nan)
+    for first, last, _ in holds(command):
+        since[first:last] = run.period * np.arange(last - first)
+    weight = 1 / max(int(seen.sum()), 1)
+    squares = weight * residual**2, weight * noise**2, weight
+    state = prediction, np.gradient(prediction, run.period), command, since
+    return np.stack(np.broadcast_arrays(*squares, *state))[:, seen]
 
 
 def holds(command: Array) -> list[tuple[int, int, float]]:
@@ -187,98 +216,22 @@ def holds(command: Array) -> list[tuple[int, int, float]]:
     return found
 
 
-def _since_step(command: Array, period: float) -> Array:
-    """Return the time since the last step of a command that stands still since [s]; NaN elsewhere."""
-    since = np.full(len(command), np.nan)
-    for first, last, _ in holds(command):
-        since[first:last] = period * np.arange(last - first)
-    return since
-
-
-def _parts(samples: Sequence[_Samples], bins: Sequence[tuple[str, float, float, Sequence[Flags]]]) -> tuple[Part, ...]:
-    """Return the parts that flags for each run make, their shares summing to one."""
-    excess, weights, powers = [], [], []
-    for _, _, _, flags in bins:
-        excess.append(max(sum(s.excess(at) for s, at in zip(samples, flags, strict=True)), 0.0))
-        weight = sum(float((at & s.present).sum()) / s.count for s, at in zip(samples, flags, strict=True))
-        energy = sum(s.energy(at) for s, at in zip(samples, flags, strict=True))
-        weights.append(weight)
-        powers.append(energy / weight if weight else 0.0)
-    total, whole = sum(excess) or 1.0, sum(weights) or 1.0
-    return tuple(
-        Part(label, lower, upper, e / total, w / whole, math.sqrt(p))
-        for (label, lower, upper, _), e, w, p in zip(bins, excess, weights, powers, strict=True)
-    )
-
-
-def _by_run(samples: Sequence[_Samples]) -> Breakdown:
-    bins = [(s.run.name, math.nan, math.nan, [o.present & (o is s) for o in samples]) for s in samples]
-    return Breakdown("run", "", _parts(samples, bins))
-
-
-def _by_frequency(samples: Sequence[_Samples], noise_floor: NoiseFloor) -> Breakdown:
+def _by_frequency(residuals: Mapping[str, Array], runs: Sequence[Run], noise_floor: NoiseFloor) -> Breakdown:
     """Divide by octaves around 1, 2, 4 Hz and so on, and what is below: the middle of a band is a round number."""
-    fastest = max(0.5 / s.run.period for s in samples)
-    edges = [0.0, *(2.0 ** (k - 0.5) for k in range(max(math.ceil(math.log2(fastest)), 1) + 2))]
-    edges = [*[e for e in edges if e < fastest], fastest]
-    powers, noises = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
-    for s in samples:
-        n = len(s.residual)
-        power = np.abs(np.fft.rfft(s.residual)) ** 2 / (n * s.count)
-        power[1 : (n + 1) // 2] *= 2
-        frequency = np.asarray(np.fft.rfftfreq(n, s.run.period), dtype=float)
-        noise = noise_floor.density(s.run, frequency) / (n * s.run.period)
+    from scipy.signal import periodogram
+
+    fastest = max(0.5 / run.period for run in runs)
+    octaves = (2.0 ** (k - 0.5) for k in range(max(math.ceil(math.log2(fastest)), 1) + 2))
+    edges = [0.0, *(edge for edge in octaves if edge < fastest), fastest]
+    lines = []
+    for run in runs:
+        residual, count = residuals[run.name], len(run.time)
+        frequency, power = periodogram(np.nan_to_num(residual), 1 / run.period, detrend=False, scaling="spectrum")
+        noise = noise_floor.density(run, frequency) / (count * run.period)
         noise[0] = 0.0  # the offset is taken out
-        place = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, len(powers) - 1)
-        powers += np.bincount(place, power, len(powers))
-        noises += np.bincount(place, noise, len(powers))
-    excess = np.maximum(powers - noises, 0.0)
-    total = float(excess.sum()) or 1.0
-    return Breakdown(
-        "frequency",
-        "Hz",
-        tuple(
-            Part("", low, high, float(e) / total, (high - low) / fastest, math.sqrt(float(p) / len(samples)))
-            for (low, high), e, p in zip(pairwise(edges), excess, powers, strict=True)
-        ),
-    )
-
-
-def _in_regions(samples: Sequence[_Samples], values: Sequence[Array]) -> tuple[Part, ...]:
-    """Return parts of equal width over the whole range of some values."""
-    low, high = min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-    return _between(samples, values, np.linspace(low, high, REGIONS + 1).tolist(), [""] * REGIONS)
-
-
-def _between(
-    samples: Sequence[_Samples], values: Sequence[Array], edges: Sequence[float], labels: Sequence[str]
-) -> tuple[Part, ...]:
-    """Return parts between edges, the first and the last of which are the ends of some values."""
-    places = [np.searchsorted(edges[1:-1], v, side="right") for v in values]
-    limits = zip(labels, pairwise(edges), strict=True)
-    return _parts(
-        samples, [(label, a, b, [place == k for place in places]) for k, (label, (a, b)) in enumerate(limits)]
-    )
-
-
-def _by_velocity(samples: Sequence[_Samples], si: str) -> Breakdown:
-    speeds = np.concatenate([np.abs(s.velocity) for s in samples])
-    largest = float(np.quantile(speeds, SPEED_QUANTILE)) or float(speeds.max()) or 1.0
-    slow, fast, most = SPEED_AT_REST * largest, FAST_SPEED * largest, float(speeds.max())
-    labels = ["down fast", "down slowly", "at rest", "up slowly", "up fast"]
-    edges = [-most, -fast, -slow, slow, fast, most]
-    return Breakdown("velocity", f"{si}/s", _between(samples, [s.velocity for s in samples], edges, labels))
-
-
-def _by_time_since_step(samples: Sequence[_Samples], total: float) -> Breakdown:
-    """Divide by decades of the time since a step, over samples under a command that stands still since."""
-    longest = max(float(np.nanmax(s.since, initial=0.0)) for s in samples)
-    shortest = max(min(s.run.period for s in samples), 1e-6)
-    first, last = math.floor(math.log10(shortest)), math.ceil(math.log10(max(longest, 2 * shortest)) - 1e-9)
-    edges = [10.0**k for k in range(first, last + 1)]
-    edges[0] = 0.0
-    bins = [("", a, b, [(s.since >= a) & (s.since < b) for s in samples]) for a, b in pairwise(edges)]
-    bins[-1] = (*bins[-1][:3], [(s.since >= edges[-2]) & (s.since <= edges[-1]) for s in samples])
-    after = sum(s.excess(np.isfinite(s.since)) for s in samples)
-    covers = min(max(after, 0.0) / total, 1.0) if total > 0 else 0.0
-    return Breakdown("time since the last step", "s", _parts(samples, bins), covers)
+        seen = max(int(np.isfinite(residual).sum()), 1)
+        lines.append([frequency, power * count / seen, noise, np.full(len(frequency), 1 / len(frequency))])
+    frequency, power, noise, weight = np.concatenate(lines, axis=1)
+    parts = parts_of(np.digitize(frequency, edges[1:-1]), [*pairwise(edges)], power, noise, weight)
+    # The rms of a band is its part of the rms of all.
+    return Breakdown("frequency", "Hz", tuple(replace(p, rms=p.rms * math.sqrt(p.weight)) for p in parts))

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from flexdesign.core.arrays import Array, Complex, Flags
-from flexdesign.diagnosis.comparison.error_location import Breakdown, Part
+from flexdesign.diagnosis.comparison.error_location import Breakdown, parts_of
 from flexdesign.measurements.noise_level import LineNoise
 from flexdesign.measurements.recordings import FrequencyResponse
 from flexdesign.measurements.recordings.run import Role
@@ -82,29 +82,6 @@ class ResponseComparison:
         """Root mean square of the error over the noise, line by line: one where nothing but noise is left."""
         return float(np.sqrt(np.mean((self.left / self.noise)[self.validation] ** 2)))
 
-    @property
-    def worst(self) -> float:
-        """The frequency at which it is largest [Hz]."""
-        return float(self.frequencies[self.validation][np.argmax(self.left[self.validation])])
-
-
-def compared_lines(
-    response: FrequencyResponse, predicted: Complex, noise: LineNoise, validation: Flags | None = None
-) -> ResponseComparison:
-    """Compare a measured response with a predicted one."""
-    return ResponseComparison(
-        response.name,
-        response.role if validation is None or validation.all() else "validate",
-        response.frequencies,
-        response.response,
-        predicted,
-        noise.sigma,
-        response.coherence,
-        np.ones(len(predicted), dtype=bool) if validation is None else validation,
-        noise.known,
-        response.remarks,
-    )
-
 
 def join_halves(
     responses: Sequence[FrequencyResponse], left: Mapping[str, Array], noise: Mapping[str, LineNoise]
@@ -133,11 +110,21 @@ def join_halves(
             rest = left[part.name][:count] + 1j * left[part.name][count:]
             measured[there], predicted[there] = part.response[there], (part.response - rest)[there]
             validation |= there if part.role == "validate" or len(parts) == 1 else False
-        whole = FrequencyResponse(
-            name, parts[0].frequencies, measured, role=parts[0].role, coherence=parts[0].coherence,
-            remarks=parts[-1].remarks,
-        )  # fmt: skip
-        made.append(compared_lines(whole, predicted, noise[parts[0].name], validation))
+        line_noise = noise[parts[0].name]
+        made.append(
+            ResponseComparison(
+                name,
+                parts[0].role if validation.all() else "validate",
+                parts[0].frequencies,
+                measured,
+                predicted,
+                line_noise.sigma,
+                parts[0].coherence,
+                validation,
+                line_noise.known,
+                parts[-1].remarks,
+            )
+        )
     return tuple(made)
 
 
@@ -147,13 +134,9 @@ def by_band(responses: Sequence[ResponseComparison]) -> Breakdown:
     high = max(float(each.frequencies[-1]) for each in responses)
     lines = max(len(each.frequencies) for each in responses)
     edges = np.geomspace(low, high, min(max(lines // FEWEST_LINES, 1), MOST_BANDS) + 1)
-    judging = [(e.frequencies[e.validation], e.left[e.validation] ** 2, e.noise[e.validation] ** 2) for e in responses]
-    frequencies, squares, noise = map(np.concatenate, zip(*judging, strict=True))
-    places = np.clip(np.searchsorted(edges, frequencies, side="right") - 1, 0, len(edges) - 2)
-    counts, total, noise = (np.bincount(places, weights, len(edges) - 1) for weights in (None, squares, noise))
-    excess = np.maximum(total - noise, 0.0)
-    parts = tuple(
-        Part("", first, last, float(e / (excess.sum() or 1.0)), float(c / counts.sum()), math.sqrt(s / c) if c else 0.0)
-        for (first, last), e, c, s in zip(pairwise(edges.tolist()), excess, counts, total, strict=True)
-    )
+    judging = [
+        np.stack([e.frequencies, e.left**2, e.noise**2, np.ones(len(e.left))])[:, e.validation] for e in responses
+    ]
+    frequencies, *squares = np.concatenate(judging, axis=1)
+    parts = parts_of(np.digitize(frequencies, edges[1:-1]), [*pairwise(edges.tolist())], *squares)
     return Breakdown("frequency", "Hz", parts)

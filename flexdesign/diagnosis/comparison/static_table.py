@@ -14,10 +14,8 @@ from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS
 
-#: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
-UNIT_DECADES = 0.35
-#: Decades beyond which no unit is sought: no measurement of the same quantity is a million times off.
-LARGEST_DECADES = 6.0
+#: A value this many times larger or smaller than what is expected has the wrong unit: no physics is missing so much.
+WRONG_UNIT = 100.0
 #: A sign counts as lost where the model's error in the rows that it concerns falls below this share.
 LOST_SIGN_SHARE = 0.5
 
@@ -93,11 +91,9 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
     rows = []
     for row, expected in zip(table.rows, predicted, strict=True):
         if row.load is None and math.isfinite(expected):
-            decades = math.log10(abs(row.value)) - math.log10(abs(expected))
-            power = decades / 3
-            if round(power) != 0 and (abs(power - round(power)) < UNIT_DECADES / 3 or abs(decades) > LARGEST_DECADES):
-                times = f"1e{decades:.0f}" if abs(decades) > LARGEST_DECADES else f"{1000.0 ** round(power):g}"
-                remedy = f"is {times} times what the model expects: correct the unit ({row.unit})"
+            times = abs(row.value / float(expected)) if expected else math.inf
+            if not 1 / WRONG_UNIT < times < WRONG_UNIT:
+                remedy = f"is {float(f'{times:.2g}'):g} times what the model expects: correct the unit ({row.unit})"
                 raise InputError(table.name, row.key, f"{row.value:.4g} (SI)", remedy)
         opposite = row.quantity == "lambda" and np.sign(row.value) * np.sign(expected) < 0
         rows.append(replace(row, value=-row.value) if opposite else row)
