@@ -109,21 +109,20 @@ def plan(
     progress
         Receives a text about the progress.
     request
-        Limits and aims, see `Request`: ``slew="500 V/s"``, ``resolve=("creep", "sensor_drift")``.
+        Limits and aims, see `plan_experiments`: ``slew="500 V/s"``, ``resolve=("creep", "sensor_drift")``.
 
     Raises
     ------
     InputError
         If anything cannot be used, or a limit is missing.
     """
-    from flexdesign.diagnosis.experiment_design.planning import Request, plan_experiments
+    from flexdesign.diagnosis.experiment_design.planning import plan_experiments
     from flexdesign.report.diagnosis import plan_pages
 
-    asked = Request(**request)
-    found = plan_experiments(read_model(model, changes), asked, progress)
+    found = plan_experiments(read_model(model, changes), progress, **request)
     return Result(
         found,
-        plan_pages.document(found.title, found.files, found.limits, asked.seed, found.resolved),
+        plan_pages.document(found),
         plan_pages.separations(found.resolved) if found.resolved else plan_pages.table(found.files, found.limits),
-        partial(plan_pages.result, found.files, found.limits, asked.seed, found.resolved),
+        partial(plan_pages.result, found),
     )

@@ -37,7 +37,7 @@ stacks. Without it no command is written; `--slew none` states that there is no 
 **Experiments:** a quiet record, small calibration steps, multisines of three amplitudes with two realisations of two
 periods each, steps of several heights, triangles at two rates, a staircase, a hold of 100 s, a decaying sine and random
 levels for validation, and a multisine with a known added mass. With --resolve: the experiments that distinguish two
-effects, found by simulation with either effect, at strengths with equal responses to a multisine.
+effects, found by simulation with either effect: what remains when the second is fitted to the first.
 
 **Output:** commands/*.csv and commands/measurements.toml, to which you add the recorded responses; report.html,
 report.md, result.json and the figures, in --out.

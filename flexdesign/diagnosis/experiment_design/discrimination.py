@@ -1,4 +1,4 @@
-"""Which experiments distinguish two effects: simulated with either, at strengths that agree on a multisine.
+"""Which experiments distinguish two effects, simulated with either.
 
 Those that would distinguish confounded effects of a diagnosis are chosen from the menu of the bench.
 """
@@ -11,19 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexdesign import effects
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.effect_strength import (
-    EQUAL_FACTOR,
-    VISIBLE_SHARE,
     EffectAtStrength,
     fit_linear,
-    names_kind,
     on,
     reading,
-    rms,
     signature_of,
 )
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, other_excitations, suite_of
@@ -34,12 +29,8 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
 #: A difference of this multiple of the sensor's noise, rms, is clear in one run.
 CLEAR_DIFFERENCE = 3.0
-#: An effect changes the standard multisine's response by this share of itself at most.
-LARGEST_CHANGE = 0.1
-#: Relative change of the damping ratio from which its influence is taken.
-DAMPING_CHANGE = 0.01
-#: Number of corrections of the damping.
-DAMPING_CORRECTIONS = 3
+#: Relative change of gain and damping ratio from which their influence is taken.
+CHANGE = 0.1
 #: Number of experiments proposed, one of each kind.
 EXPERIMENTS_PROPOSED = 3
 #: Without a stated noise of the sensor, this share of the stroke is assumed.
@@ -58,9 +49,9 @@ class Separation:
     command
         The experiment.
     first, second
-        Readings with either effect, n values [response]; the second refitted to the first.
+        Readings with either effect, n values [response]; the second fitted to the first.
     difference
-        Between the two, rms; of a multisine over its whole periods [response].
+        What fits of the second to the first leave, rms; of a multisine over its whole periods [response].
     over_noise
         The same over the sensor's noise.
     """
@@ -82,8 +73,6 @@ class Resolved:
         Both, on the axis without either.
     strengths
         At which they are compared, SI.
-    alike
-        The remaining difference on the standard multisine, rms [response].
     noise
         Of the sensor, rms [response].
     separations
@@ -92,7 +81,6 @@ class Resolved:
 
     effects: tuple[EffectAtStrength, EffectAtStrength]
     strengths: tuple[float, float]
-    alike: float
     noise: float
     separations: tuple[Separation, ...]
 
@@ -112,10 +100,11 @@ def resolve_effects(
 ) -> Resolved:
     """Return which experiments distinguish two effects.
 
-    The strength of the first effect changes the response to the standard multisine by 1 % of the stroke, rms, or by a
-    tenth of that response where this is less. The strength of the second effect minimises the difference from the first
-    there. In every experiment gain, offset and damping of the second are refitted to the first, as they are not known
-    well enough; a static push is compared as it is read.
+    Each effect has a strength that changes the reading of the standard multisine by 1 % of the stroke, rms, or if that
+    does not show it, of the experiment that shows it best. A multiple of the change by the second is fitted to that by
+    the first in the standard multisine, and in the standard multisine and an experiment together; in either, gain,
+    damping and offset are free, as they are not known well enough. What the experiment leaves unexplained in addition
+    distinguishes the effects.
 
     Parameters
     ----------
@@ -136,16 +125,42 @@ def resolve_effects(
     if names[0] == names[1]:
         raise InputError("command line", "--resolve", " ".join(names), "names one effect twice; name two")
     plain = on(on(model, names[0]).without, names[1]).without
-    first, second = on(plain, names[0]), on(plain, names[1])
     standard = next(command for command in experiments if command.name == SAME_WITH_MASS)
-    one = _visible(first, standard, experiments)
-    target = reading(first.at(one), standard)
-    other = _closest_strength(second, standard, target, experiments)
-    found = [_separation(command, first.at(one), second.at(other), noise) for command in experiments]
-    left = next(each.difference for each in found if each.command is standard)
-    words = " ".join(effects.find(name).reveal for name in names)
-    ordered = sorted(found, key=lambda each: _rank(each, words), reverse=True)
-    return Resolved((first, second), (one, other), left, noise, tuple(ordered))
+    shown = [signature_of(on(plain, name), [standard]) for name in names]
+    first, second = (each if each.visible else signature_of(each.effect, experiments) for each in shown)
+    compared = [each.effect.at(each.strength) for each in (first, second)]
+    compared += [plain.replace({name: (1 + CHANGE) * getattr(plain.axis, name)}) for name in ("gain", "damping_ratio")]
+
+    def readings(command: Command) -> tuple[Array, Array]:
+        """Return the reading with the first effect, and what gain, damping and offset leave of the change by either."""
+        without, cut = reading(plain, command), steady(command)
+        changed = np.stack([reading(each, command) for each in compared]) - without
+        centred = changed - changed[:, cut].mean(axis=1, keepdims=True)
+        return without + changed[0], centred[:2] - fit_linear(centred[:2, cut], centred[2:, cut]) @ centred[2:]
+
+    multisine, found = _mean_products(standard, readings(standard)[1]), list[Separation]()
+    for command in experiments:
+        with_first, left = readings(command)
+        if not np.isfinite(left).all():
+            continue
+        both = multisine + _mean_products(command, left)
+        share = both[0, 1] / both[1, 1] if both[1, 1] else 0.0
+        difference = math.sqrt(max(_remaining(both) - _remaining(multisine), 0.0))
+        with_second = with_first - (left[0] - share * left[1])
+        found.append(Separation(command, with_first, with_second, difference, difference / noise))
+    found.sort(key=lambda each: each.over_noise, reverse=True)
+    return Resolved((first.effect, second.effect), (first.strength, second.strength), noise, tuple(found))
+
+
+def _mean_products(command: Command, changes: Array) -> Array:
+    """Return the mean products of two changes, a matrix."""
+    cut = changes[:, steady(command)]
+    return np.asarray(cut @ cut.T / cut.shape[1])
+
+
+def _remaining(products: Array) -> float:
+    """Return the mean square of a change that a multiple of another one does not explain."""
+    return float(products[0, 0] - (products[0, 1] ** 2 / products[1, 1] if products[1, 1] else 0.0))
 
 
 def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
@@ -165,95 +180,6 @@ def steady(command: Command) -> slice:
         return slice(None)
     first, last = (round(command.marks[end] / command.period) for end in (0, -1))
     return slice(first, last)
-
-
-def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
-    """Return the place of an experiment: among equals those come first that the effects' own words name."""
-    seen = each.over_noise
-    place = math.floor(math.log(seen) / math.log(EQUAL_FACTOR)) if 0 < seen < math.inf else -math.inf
-    return place, names_kind(reveal, each.command.kind), seen
-
-
-def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[Command]) -> float:
-    """Return the strength at which an effect changes the response to the standard multisine visibly.
-
-    The change is at most a share of that response, which is small without a resonance. If the multisine does not show
-    the effect, the strength is that of the experiment that shows it best.
-    """
-    without = reading(effect.without, standard)
-    cut = steady(standard)
-    wanted = min(VISIBLE_SHARE * effect.without.stroke, LARGEST_CHANGE * float(np.std(without[cut])))
-
-    def change(model: AxisDynamics) -> float:
-        return rms((reading(model, standard) - without)[cut])
-
-    strength = effect.search(wanted, change)
-    if change(effect.at(strength)) > 0.5 * wanted:
-        return strength
-    return signature_of(effect, experiments).strength
-
-
-def _closest_strength(
-    effect: EffectAtStrength, standard: Command, target: Array, experiments: Sequence[Command]
-) -> float:
-    """Return the strength at which an effect comes closest to a target on the standard multisine.
-
-    From its visible strength on, of either sign where both are plausible, by golden section over the logarithm.
-    """
-    from scipy.optimize import minimize_scalar
-
-    visible = _visible(effect, standard, experiments)
-    low, high = effect.strength.plausible
-
-    def off(strength: float) -> float:
-        return rms((target - _refit(effect.at(strength), standard, target))[steady(standard)])
-
-    best = visible
-    for sign in (1.0, -1.0):
-        start = sign * visible
-        if not low <= start <= high:
-            continue
-        bounds = (math.log(abs(start) / 30), math.log(abs(start) * 30))
-        found = minimize_scalar(
-            lambda place, sign=sign: off(math.copysign(1.0, sign * visible) * math.exp(place)),
-            bounds=bounds, method="bounded", options={"xatol": 1e-3},
-        )  # fmt: skip
-        tried = min(max(math.copysign(math.exp(found.x), start), low), high)
-        best = min((best, tried), key=off)
-    return best
-
-
-def _refit(model: AxisDynamics, command: Command, target: Array) -> Array:
-    """Return a reading with the gain, offset and damping that bring it closest to a target; NaN if it runs away."""
-    found = reading(model, command)
-    if command.push:  # its force is known, and so is what the sensor reads at rest
-        return found
-    cut, first = steady(command), model.axis.damping_ratio
-    damping = first
-    for _ in range(DAMPING_CORRECTIONS):
-        model = model.replace({"damping_ratio": damping})
-        found = reading(model, command)
-        turned = reading(model.replace({"damping_ratio": (1 + DAMPING_CHANGE) * damping}), command) - found
-        if not math.isfinite(rms(found) + rms(turned)):
-            break
-        gain, step = fit_linear(found[cut], target[cut], turned[cut])[1]
-        best = gain * found + step * turned
-        best += np.mean((target - best)[cut])
-        if not gain > 0:
-            return best
-        damping = min(
-            max(damping * (1 + DAMPING_CHANGE * step / gain), first / 5, 0.5 * damping), 5 * first, 2 * damping
-        )
-    else:
-        return best
-    return np.full(len(found), np.nan)
-
-
-def _separation(command: Command, first: AxisDynamics, second: AxisDynamics, noise: float) -> Separation:
-    one = reading(first, command)
-    other = _refit(second, command, one)
-    difference = rms((one - other)[steady(command)])
-    return Separation(command, one, other, difference, difference / noise)
 
 
 # --- confounded effects of a diagnosis -------------------------------------------------------------------------------
@@ -291,8 +217,9 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
 def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Proposal:
     resolved = list[Resolved]()
     try:
-        sampled = replace(found.model, controller=replace(found.model.controller, rate=_rate(found)))
-        limits = of_axis(sampled, found.axis)
+        highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
+        rate = min(found.model.controller.rate, SAMPLES_PER_PERIOD * highest)
+        limits = of_axis(replace(found.model, controller=replace(found.model.controller, rate=rate)), found.axis)
         model = dynamics(found.model, found.axis, limits)
         menu = [*suite_of(model, limits), *other_excitations(model, limits)]
         for other in group[1:]:
@@ -301,10 +228,3 @@ def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str]
     except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
         return Proposal(group, tuple(resolved), f"{error.field} {error.remedy}".strip())
     return Proposal(group, tuple(resolved))
-
-
-def _rate(found: Diagnosis) -> float:
-    """Return the sampling rate of simulated experiments, a whole fraction of the controller's [Hz]."""
-    highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
-    rate = found.model.controller.rate
-    return rate / max(math.floor(rate / (SAMPLES_PER_PERIOD * highest)), 1)

@@ -12,7 +12,7 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Block, Disturbance, Effect, Parameter, Socket, Term, parameter_of
+from flexdesign.core.model import Disturbance, Parameter, Term, parameter_of
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
@@ -23,8 +23,6 @@ from flexdesign.dynamics.stage_model import AxisModel, fields
 STRENGTH_TOLERANCE = 0.03
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
 VISIBLE_SHARE = 0.01
-#: Experiments within this factor show an effect equally well: then the simpler one comes first.
-EQUAL_FACTOR = 1.25
 #: A change below this share of the stroke cannot be seen.
 INVISIBLE_SHARE = 1e-5
 #: An experiment shows an effect if it changes the reading by this share of the change in the best experiment.
@@ -95,24 +93,16 @@ class EffectAtStrength:
         """
         from scipy.optimize import brentq
 
-        sign, low, high = -1.0 if self.start < 0 else 1.0, *self._magnitudes()
-        stronger = -1.0 if self.strength.null == math.inf else 1.0  # a limit acts the more, the smaller it is
+        sign, ends = -1.0 if self.start < 0 else 1.0, self._magnitudes()
 
         @cache
         def excess(place: float) -> float:
             found = measure(self.at(sign * math.exp(place)))
             return math.log(min(max(found / wanted, 1e-6), 1e6))
 
-        here = min(max(math.log(abs(self.start)), low), high)
-        towards = -stronger * math.copysign(1.0, excess(here))
-        there = here
-        while excess(there) * excess(here) > 0:
-            here, there = there, min(max(there + towards, low), high)
-            if here == there:  # the end of the range
-                return sign * math.exp(there)
-        if here == there:
-            return self.start
-        return sign * math.exp(brentq(excess, here, there, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
+        if excess(ends[0]) * excess(ends[1]) > 0:
+            return sign * math.exp(min(ends, key=lambda end: abs(excess(end))))
+        return sign * math.exp(brentq(excess, *ends, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
 
     def _magnitudes(self) -> tuple[float, float]:
         """Return the logarithms between which the strength may lie; at most nine decades."""
@@ -143,7 +133,13 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
         cleared = model.replace({elsewhere: 0.0 if own.null is None else own.null})
         without, key, known = _fresh(cleared, cleared.axis), elsewhere, own
         return EffectAtStrength(name, without, without.with_effect(effect, name), known, key)
-    without = _fresh(model, _without_effect(model.axis, effect, name))
+    # A hysteresis takes the place of another one.
+    others = {
+        other: values
+        for other, values in model.axis.effects.items()
+        if other != name and not (effect.is_hysteresis and effects.find(other).is_hysteresis)
+    }
+    without = _fresh(model, replace(model.axis, effects=others))
     added, key = without.with_effect(effect, name), f"{name}.{own.name}"
     return EffectAtStrength(name, without, added, parameter_of(added, key), key)
 
@@ -152,28 +148,14 @@ def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
     return AxisDynamics(model.name, axis, model.max_command, COMPARED_TOLERANCE, delay=model.delay)
 
 
-def _without_effect(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
-    """Return the axis without an effect, and without others in its place if it is a hysteresis."""
-
-    def is_hysteresis(each: Effect) -> bool:
-        blocks = [face for face in each.faces if isinstance(face, Block) and face.socket is Socket.HYSTERESIS]
-        return any(block.remembers for block in blocks)  # without memory it is a curve, no loop
-
-    remaining = {
-        other: values
-        for other, values in axis.effects.items()
-        if other != name and not (is_hysteresis(effect) and is_hysteresis(effects.find(other)))
-    }
-    return replace(axis, effects=remaining)
-
-
 # --- what an experiment shows ---------------------------------------------------------------------------------------
 
 
 def reading(model: AxisDynamics, command: Command) -> Array:
     """Return what the sensor reads in an experiment [response], n values; NaN where the motion runs away.
 
-    An added mass and a static push are taken into account where the effects of `model` depend on them.
+    An added mass and a static push, which begins half-way, are taken into account where the effects of `model` depend
+    on them.
     """
     mass, compliance = inertia(model)
     if command.mass_ratio:
@@ -183,8 +165,7 @@ def reading(model: AxisDynamics, command: Command) -> Array:
         lower = {"natural_frequency": axis.natural_frequency * fall, "damping_ratio": axis.damping_ratio * fall}
         model = model.replace(lower)
     found = model.predict(command.run(model.name, model.axis.response))
-    if command.push:
-        found = found + command.push * compliance
+    found = found + command.push * compliance * (2 * command.time >= command.duration)
     step = model.axis.sensor.resolution
     if step > 0:  # predictions leave it out, so that fits stay smooth
         found = step * np.floor(found / step + 0.5)
@@ -208,24 +189,11 @@ def rms(values: Array) -> float:
     return found if math.isfinite(found) else math.inf
 
 
-def fit_linear(values: Array, target: Array, *directions: Array) -> tuple[Array, Array]:
-    """Return values with the gain, the offset and the steps along some directions that bring them closest to a target.
-
-    Parameters
-    ----------
-    values, target
-        n values each; values that do not move have no gain to be fitted.
-    directions
-        How the values change with further numbers, n values each.
-
-    Returns
-    -------
-    The values so changed, n values, and the factors of the values and of each direction.
-    """
-    matrix = np.stack([each - each.mean() for each in (values, *directions)], axis=1)
-    scale = np.array([rms(column) or 1.0 for column in matrix.T])  # what does not move gets the factor zero
-    factors = np.linalg.lstsq(matrix / scale, target - target.mean(), rcond=1e-10)[0] / scale
-    return np.asarray(matrix @ factors + target.mean()), np.asarray(factors)
+def fit_linear(target: Array, columns: Array) -> Array:
+    """Return the k factors with which the sum of k columns comes closest to a target; a row for each of several."""
+    scale = np.sqrt(np.mean(columns**2, axis=1))
+    scale[scale == 0.0] = 1.0  # what does not move gets the factor zero
+    return np.asarray(np.linalg.lstsq(columns.T / scale, target.T, rcond=1e-10)[0].T / scale)
 
 
 # --- signatures ------------------------------------------------------------------------------------------------------
@@ -255,7 +223,8 @@ class EffectResponse:
     @property
     def left(self) -> float:
         """The change that a refitted gain and offset do not explain, rms [response]."""
-        return rms(self.affected - fit_linear(self.without, self.affected)[0])
+        without, affected = self.without - self.without.mean(), self.affected - self.affected.mean()
+        return rms(affected - fit_linear(affected, without[np.newaxis])[0] * without)
 
 
 @dataclass(frozen=True)
@@ -289,7 +258,10 @@ class Signature:
 
 
 def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Signature:
-    """Return the signature of an effect at a strength that can be seen."""
+    """Return the signature of an effect at a strength that can be seen.
+
+    Experiments that its description names come first, if they show it, then those that it changes most.
+    """
     stroke, columns = effect.without.stroke, _columns(effect.name)
     experiments = [command for command in experiments if columns or not command.recorded]
     without = [reading(effect.without, command) for command in experiments]
@@ -306,7 +278,12 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
         for command, before in zip(experiments, without, strict=True)
     ]
     finite = [each for each in seen if math.isfinite(each.change)]
-    return Signature(effect, strength, stroke, tuple(_sort(finite, effects.find(effect.name).reveal)))
+    largest, reveal = max((each.change for each in finite), default=0.0), effects.find(effect.name).reveal
+
+    def rank(each: EffectResponse) -> tuple[bool, float]:
+        return names_kind(reveal, each.command.kind) and each.change >= SHOWN_SHARE * largest, each.change
+
+    return Signature(effect, strength, stroke, tuple(sorted(finite, key=rank, reverse=True)))
 
 
 def _columns(name: str) -> tuple[str, ...]:
@@ -322,20 +299,3 @@ def names_kind(reveal: str, kind: str) -> bool:
     (True, False)
     """
     return any(word in reveal for word in KIND_WORDS.get(kind, ()))
-
-
-def _sort(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
-    """Return experiments in the order of the change that a refitted gain does not explain.
-
-    Those that the effect's description names come first, if they show it. Of an effect on the gain the whole change
-    counts.
-    """
-    largest = max((each.change for each in seen), default=0.0)
-    is_gain = max((each.left for each in seen), default=0.0) < 0.05 * largest
-
-    def rank(each: EffectResponse) -> tuple[bool, float]:
-        change = each.change if is_gain else each.left
-        place = math.floor(math.log(change) / math.log(EQUAL_FACTOR)) if change > 0 else -math.inf
-        return names_kind(reveal, each.command.kind) and each.change >= SHOWN_SHARE * largest, place
-
-    return sorted(seen, key=rank, reverse=True)  # stable: the order of plainness among equals

@@ -30,39 +30,6 @@ _COLUMN = 44
 
 
 @dataclass(frozen=True)
-class Request:
-    """What a plan is asked for. Numbers are texts with units; None where the model is to say.
-
-    Parameters
-    ----------
-    resolve
-        Two effects to be distinguished; None for the whole plan.
-    axis
-        Which axis; None for the first.
-    volts
-        Lowest and highest command, narrower than the model's: ``("0 V", "100 V")``.
-    slew
-        Fastest change of the command, ``"2000 V/s"``; ``"none"`` if nothing limits it.
-    current, bandwidth, rate
-        Largest current of the driver; no tone above this frequency; sampling rate.
-    sensor_noise
-        Standard deviation of a reading at rest.
-    seed
-        Of random phases and levels.
-    """
-
-    resolve: tuple[str, str] | None = None
-    axis: str | None = None
-    volts: tuple[str, str] | None = None
-    slew: str | None = None
-    current: str | None = None
-    bandwidth: str | None = None
-    rate: str | None = None
-    sensor_noise: str | None = None
-    seed: int = 1
-
-
-@dataclass(frozen=True)
 class Plan:
     """Commands for a bench.
 
@@ -80,6 +47,8 @@ class Plan:
         The two effects that are distinguished; None for the whole plan.
     noise
         Of the sensor, rms [response]; None if unknown.
+    seed
+        Of random phases and levels.
     """
 
     title: str
@@ -89,6 +58,7 @@ class Plan:
     limits: Limits
     resolved: Resolved | None
     noise: float | None
+    seed: int = 1
 
     @property
     def files(self) -> Mapping[str, Command]:
@@ -139,38 +109,69 @@ class Plan:
         return "\n".join(lines) + "\n"
 
 
-def plan_experiments(model: StageModel, request: Request, progress: Callable[[str], None] = lambda _: None) -> Plan:
-    """Plan experiments on one axis of a stage.
+def plan_experiments(
+    model: StageModel,
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    resolve: tuple[str, str] | None = None,
+    axis: str | None = None,
+    volts: tuple[str, str] | None = None,
+    slew: str | None = None,
+    current: str | None = None,
+    bandwidth: str | None = None,
+    rate: str | None = None,
+    sensor_noise: str | None = None,
+    seed: int = 1,
+) -> Plan:
+    """Plan experiments on one axis of a stage. Limits are texts with units; None where the model is to say.
+
+    Parameters
+    ----------
+    model, progress
+        The stage, and what receives a text about the progress.
+    resolve
+        Two effects to be distinguished; None for the whole plan.
+    axis
+        Which axis; None for the first.
+    volts
+        Lowest and highest command, narrower than the model's: ``("0 V", "100 V")``.
+    slew
+        Fastest change of the command, ``"2000 V/s"``; ``"none"`` if nothing limits it.
+    current, bandwidth, rate
+        Largest current of the driver; no tone above this frequency; sampling rate.
+    sensor_noise
+        Standard deviation of a reading at rest.
+    seed
+        Of random phases and levels.
 
     Raises
     ------
     InputError
-        If a number of the request cannot be used, or nothing says how fast the voltage may change.
+        If a number cannot be used, or nothing says how fast the voltage may change.
     """
-    chosen = limits.axis(model, request.axis)
-    axis = model.axes[chosen]
+    chosen = limits.axis(model, axis)
+    axis_model = model.axes[chosen]
     asked = StatedLimits(
-        None if request.volts is None else (_number("--volts", request.volts[0], "V"),
-                                            _number("--volts", request.volts[1], "V")),
-        math.inf if request.slew == "none" else _stated_value("--slew", request.slew, "V/s"),
-        _stated_value("--current", request.current, "A"),
-        _stated_value("--bandwidth", request.bandwidth, "Hz"),
-        _stated_value("--rate", request.rate, "Hz"),
-    )  # fmt: skip
-    noise = _stated_value("--sensor-noise", request.sensor_noise, axis.response) or axis.sensor.noise or None
-    limits_ = limits.of_axis(model, chosen, asked)
-    if request.slew is None:
-        limits.require_slew_limit(model, chosen, limits_)
+        None if volts is None else (_number("--volts", volts[0], "V"), _number("--volts", volts[1], "V")),
+        math.inf if slew == "none" else _stated_value("--slew", slew, "V/s"),
+        _stated_value("--current", current, "A"),
+        _stated_value("--bandwidth", bandwidth, "Hz"),
+        _stated_value("--rate", rate, "Hz"),
+    )
+    noise = _stated_value("--sensor-noise", sensor_noise, axis_model.response) or axis_model.sensor.noise or None
+    kept = limits.of_axis(model, chosen, asked)
+    if slew is None:
+        limits.require_slew_limit(model, chosen, kept)
     progress("shaping the commands")
-    dynamics = limits.dynamics(model, chosen, limits_)
-    commands, resolved = suite_of(dynamics, limits_, request.seed), None
-    if request.resolve:
-        progress(f"simulating {request.resolve[0]} and {request.resolve[1]}")
-        menu = [*commands, *other_excitations(dynamics, limits_)]
-        resolved = resolve_effects(dynamics, request.resolve, menu, noise or ASSUMED_NOISE * dynamics.stroke)
+    dynamics = limits.dynamics(model, chosen, kept)
+    commands, resolved = suite_of(dynamics, kept, seed), None
+    if resolve:
+        progress(f"simulating {resolve[0]} and {resolve[1]}")
+        menu = [*commands, *other_excitations(dynamics, kept)]
+        resolved = resolve_effects(dynamics, resolve, menu, noise or ASSUMED_NOISE * dynamics.stroke)
         commands = required_experiments(commands, resolved)
     title = f"{model.title or model.name}: axis {chosen} on the bench"
-    return Plan(title, chosen, axis, commands, limits_, resolved, noise)
+    return Plan(title, chosen, axis_model, commands, kept, resolved, noise, seed)
 
 
 def _stated_value(option: str, text: str | None, si: str) -> float | None:

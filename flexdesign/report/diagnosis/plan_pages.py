@@ -13,6 +13,7 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import CLEAR_DIFFERENCE
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
+from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
 
@@ -30,34 +31,19 @@ def table(files: Mapping[str, Command], limits: Limits) -> Table:
     return Table(["file", "what it is for", "s", "peak V", "peak V/s", "mA"], rows)
 
 
-def document(
-    title: str, files: Mapping[str, Command], limits: Limits, seed: int, resolved: Resolved | None
-) -> Document:
-    """Write the page of a plan.
-
-    Parameters
-    ----------
-    title
-        What is measured.
-    files
-        The commands by the names of their files.
-    limits
-        What they keep to.
-    seed
-        Of their random phases and levels.
-    resolved
-        The two effects to be distinguished; None for the whole plan.
-    """
+def document(plan: Plan) -> Document:
+    """Write the page of a plan."""
+    files, limits, resolved = plan.files, plan.limits, plan.resolved
     total = sum(command.duration for command in files.values())
     summary = [
         f"{len(files)} command files, {total:.0f} s in all. Record the response to each, add it to its file as a third "
         "column, correct measurements.toml where the bench differs, and the folder can be read as runs."
     ]
-    sections = [_commands(files, limits, seed), _limits(limits), _by_hand(files)]
+    sections = [_commands(files, limits, plan.seed), _limits(limits), _by_hand(files)]
     if resolved is not None:
         summary.insert(0, verdict(resolved))
         sections.insert(0, _separation(resolved))
-    return Document(title, summary, [section for section in sections if section.tables or section.figures])
+    return Document(plan.title, summary, [section for section in sections if section.tables or section.figures])
 
 
 def verdict(resolved: Resolved) -> str:
@@ -86,8 +72,7 @@ def separations(resolved: Resolved) -> Table:
             _plain(each.command), each.command.note or "command alone",
             units.significant(factor * each.difference, 2), units.significant(each.over_noise, 2),
         ]
-        for each in sorted(resolved.separations, key=lambda each: each.over_noise, reverse=True)
-        if math.isfinite(each.difference)
+        for each in resolved.separations
     ]  # fmt: skip
     return Table(["experiment", "by hand", f"difference {unit}", "over noise"], rows)
 
@@ -99,14 +84,14 @@ def _separation(resolved: Resolved) -> Section:
     sentences = " and ".join(_strength(e, s) for e, s in zip(resolved.effects, resolved.strengths, strict=True))
     noise = f"{units.significant(factor * resolved.noise, 2)} {unit}"
     text = [
-        f"Simulated with {sentences}, at which they are as alike on the medium multisine as they can be: "
-        f"{units.significant(factor * resolved.alike, 2)} {unit} between them. In each experiment the second has been "
-        f"given the gain, the offset and the damping that fit the first best. Noise of the sensor: {noise}, rms.",
+        f"Simulated with {sentences}, each of which changes a reading by 1 % of the stroke, rms. In each experiment "
+        "the second is given the strength, the gain, the offset and the damping that fit the first best there and on "
+        f"the medium multisine. Noise of the sensor: {noise}, rms.",
     ]
     figures = []
     for each in resolved.proposed:
         seen = EffectResponse(each.command, each.second, each.first)
-        chart, words = effect_charts.draw(seen, response, (_display_name(first), f"{_display_name(second)}, refitted"))
+        chart, words = effect_charts.draw(seen, response, (_display_name(first), f"{_display_name(second)}, fitted"))
         caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
         figures.append(Figure(f"separates_{each.command.name}.svg", chart, caption))
     title = f"What distinguishes {_display_name(first)} from {_display_name(second)}"
@@ -149,11 +134,12 @@ def _by_hand(files: Mapping[str, Command]) -> Section:
     return Section("By hand", [], [Table(["file", "before it runs"], rows)] if rows else [])
 
 
-def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Resolved | None) -> dict[str, Any]:
+def result(plan: Plan) -> dict[str, Any]:
     """Return result.json's content: every command with its numbers, and what distinguishes two effects."""
+    files, limits, resolved = plan.files, plan.limits, plan.resolved
     answer: dict[str, Any] = {
         **header("plan"),
-        "seed": seed,
+        "seed": plan.seed,
         "limits": {
             "voltage": with_unit([limits.low, limits.high], "V"),
             "slew": with_unit(limits.slew if math.isfinite(limits.slew) else None, "V/s"),
@@ -186,7 +172,6 @@ def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Re
                 for e, s in zip(resolved.effects, resolved.strengths, strict=True)
             ],
             "noise": with_unit(factor * resolved.noise, unit),
-            "alike": with_unit(factor * resolved.alike, unit),
             "proposed": [each.command.name for each in resolved.proposed],
             "experiments": [
                 {
@@ -195,7 +180,6 @@ def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Re
                     "over_noise": each.over_noise,
                 }
                 for each in resolved.separations
-                if math.isfinite(each.difference)
             ],
         }
     return answer | {"made_by": {"versions": versions.installed()}}
