@@ -6,6 +6,7 @@ steps as in a diagnosis; fits are cached.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -17,20 +18,44 @@ import numpy as np
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import procedure, verdict
-from flexdesign.diagnosis.adjustable_parameters import AdjustableParameter, adjustable_parameters
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, evaluate_design
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import ErrorStep, ModelResiduals, Value, compare_model, compared_runs
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.criterion import CONFLICT
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
 from flexdesign.estimation.model_selection.forward_selection import Entry, finish, fit_candidate, fit_roughly, screen
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+#: A parameter may be set within `CONFLICT` standard deviations of its prior; else from a half to twice its value.
+DEFAULT_FACTOR = 2.0
+
+
+@dataclass(frozen=True)
+class AdjustableParameter:
+    """A parameter of a model that may be set by hand.
+
+    Parameters
+    ----------
+    parameter
+        The parameter.
+    value
+        Its present value, SI.
+    low, high
+        The ends of its range, SI.
+    """
+
+    parameter: Parameter
+    value: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +236,7 @@ class Confrontation:
         """Return what the residual of a model with some effects says for each further one, most first.
 
         That is the share of the unexplained chi^2 of the fitted runs that it removes, 0 to 1; zero where no more than
-        chance is promised. The best is fitted to convergence, the others roughly.
+        chance is promised. All are fitted roughly.
         """
         chosen = tuple(names)
         with self._turn, self._libraries.limit(limits=1):
@@ -220,10 +245,6 @@ class Confrontation:
             fit = self._kept[chosen].fit
             entries = self._screening(chosen)[1] if fit.exceeds_noise else []
             singles = {entry.names[0]: entry.solution.cost for entry in entries if len(entry.names) == 1}
-            if singles:
-                best = min(singles, key=singles.__getitem__)
-                self.with_effects((*chosen, best), progress)
-                singles[best] = min(singles[best], self._kept[*chosen, best].fit.cost)
         samples = fit.solution.problem.dataset.samples
         unexplained = max(fit.cost - samples, 1e-300)
         found = {
@@ -332,7 +353,7 @@ class Confrontation:
             effects=chosen,
             error_ladder=tuple(steps),
             noise_floor=data.noise_rms,
-            settings=adjustable_parameters(fit, by_hand or {}),
+            settings=_adjustable(fit, by_hand or {}),
             reason=kept.reason,
             before=self.model,
             model=verdict.model_of(self.model, data, fit, {}),
@@ -344,3 +365,24 @@ class Confrontation:
             residuals_by_run={"found": fit.residuals_by_run},
             is_rough=kept.is_rough,
         )
+
+
+def _adjustable(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:
+    """Return the parameters of a fit that belong to no run; those in `by_hand` have these values, SI."""
+    where, x = fit.solution.problem.where, fit.solution.x
+    values, known, adjustable = where.values(x), where.known, []
+    for parameter in where.parameters:
+        if parameter.run:
+            continue
+        fitted = values[parameter.name]
+        reach = abs(fitted) * (1 - 1 / DEFAULT_FACTOR) or 1.0
+        low, high = fitted - reach, fitted + DEFAULT_FACTOR * reach
+        if parameter.name in known and parameter.scale == "linear":
+            middle, sigma = known[parameter.name]
+            low, high = min(fitted, middle - CONFLICT * sigma), max(fitted, middle + CONFLICT * sigma)
+        if parameter.null is not None and math.isfinite(parameter.null):
+            low, high = min(low, parameter.null), max(high, parameter.null)
+        low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])
+        present = by_hand.get(parameter.name, fitted)
+        adjustable.append(AdjustableParameter(parameter, present, min(low, fitted), max(high, fitted)))
+    return tuple(adjustable)

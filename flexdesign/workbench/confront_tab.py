@@ -22,8 +22,7 @@ from flexdesign.workbench.work import Cancelled
 
 if TYPE_CHECKING:
     from flexdesign.api.confrontation import Confrontation
-    from flexdesign.diagnosis.adjustable_parameters import AdjustableParameter
-    from flexdesign.diagnosis.confrontation import Confronted
+    from flexdesign.diagnosis.confrontation import AdjustableParameter, Confronted
 
 #: The demo of `make demo`.
 DEMO = ("studies/hidden_effect_demo/model.toml", "studies/hidden_effect_demo/runs")

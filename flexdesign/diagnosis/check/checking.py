@@ -151,11 +151,8 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     roles = {
         run.name: " and ".join(part.role for part in parts if part.name.partition(":")[0] == run.name) for run in runs
     }
-    there = [_recorded_run(run, roles[run.name], floors) for run in runs] + [_lines(each) for each in responses]
-    order = {each.name: number for number, each in enumerate(recordings)}
-    there.sort(key=lambda each: order[each.name])
     return Check(
-        tuple(there),
+        tuple(_run(each, roles[each.name], floors) if isinstance(each, Run) else _lines(each) for each in recordings),
         tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
         coverage.coverage(list(kinds)),
         {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
@@ -172,7 +169,7 @@ def _of_rate(runs: Sequence[Run], axis: str, noise: NoiseFloor) -> list[Suspicio
     return [Suspicion("", found.what, found.remedy)] if found else []
 
 
-def _recorded_run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
+def _run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
     channels = []
     for name, values in run.columns.items():
         there = values[np.isfinite(values)]

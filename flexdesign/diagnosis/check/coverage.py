@@ -156,16 +156,13 @@ def _strokes(values: Array) -> int:
 def resting(values: Array) -> list[tuple[int, int]]:
     """Return first and one past the last sample of each stretch of some samples in which a command rests.
 
-    It does so from one sample to the next, and over a part of the record: a slow ramp has many samples.
+    It does so over a part of the record: a slow ramp has many samples, each near the one before.
     """
-    allowed = STILL_CHANGE * float(np.ptp(values))
-    found = []
-    for first, last in stretches(np.abs(np.diff(values)) <= allowed):
-        far, part = min(len(values) // STRAIGHT_SAMPLES + 1, last - first), values[first : last + 1]
-        window = {"size": far + 1, "origin": -((far + 1) // 2)}  # from each sample on
-        spans = (maximum_filter1d(part, **window) - minimum_filter1d(part, **window))[: len(part) - far]
-        found += [(first + begin, first + end + far) for begin, end in stretches(spans <= allowed)]
-    return [(first, end) for first, end in found if end - first > STROKE_SAMPLES]
+    far = len(values) // STRAIGHT_SAMPLES + 1
+    window = {"size": far + 1, "origin": -((far + 1) // 2)}  # from each sample on
+    spans = (maximum_filter1d(values, **window) - minimum_filter1d(values, **window))[: len(values) - far]
+    found = [(first, last + far) for first, last in stretches(spans <= STILL_CHANGE * float(np.ptp(values)))]
+    return [(first, last) for first, last in found if last - first > STROKE_SAMPLES]
 
 
 def _octaves(values: Array) -> float:

@@ -278,12 +278,9 @@ def _sharpest(response: FrequencyResponse) -> tuple[float, float] | None:
     """Return frequency and width at half the power of the largest peak inside the band."""
     size = np.abs(np.nan_to_num(response.response))
     top = int(np.argmax(size))
-    if not 0 < top < len(size) - 1:
-        return None
-    above = size >= size[top] / np.sqrt(2)
-    left = top - int(np.argmin(above[: top + 1][::-1])) if not above[: top + 1].all() else 0
-    right = top + int(np.argmin(above[top:])) if not above[top:].all() else len(size) - 1
-    return float(response.frequencies[top]), float(response.frequencies[right] - response.frequencies[left])
+    left, right = next((a, b) for a, b in stretches(size >= size[top] / np.sqrt(2)) if a <= top < b)
+    ends = response.frequencies[max(left - 1, 0)], response.frequencies[min(right, len(size) - 1)]
+    return (float(response.frequencies[top]), float(ends[1] - ends[0])) if 0 < top < len(size) - 1 else None
 
 
 # --- outliers --------------------------------------------------------------------------------------------------------
