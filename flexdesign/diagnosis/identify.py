@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 
@@ -67,8 +66,8 @@ class Identification:
         All runs, those for validation among them.
     before_errors
         Root mean square error of the model as it was, by run [response].
-    evaluations, seconds
-        Number of simulations, and how long it took.
+    evaluations
+        Number of simulations.
     noise
         The noise of the runs, measured where the command is at rest or repeats.
     doubts
@@ -86,7 +85,6 @@ class Identification:
     runs: tuple[RunComparison, ...]
     before_errors: Mapping[str, float]
     evaluations: int
-    seconds: float
     noise: NoiseFloor
     doubts: tuple[str, ...] = ()
 
@@ -135,7 +133,6 @@ def identify(
         If the axis is ambiguous or unknown, a run lacks its command or response or has it in another unit, a free
         number is unknown, or no run may be fitted.
     """
-    began = perf_counter()
     name = choose_axis(model, runs, axis)
     seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
     if not any(run.role == "identify" for run in seen):
@@ -171,7 +168,6 @@ def identify(
         runs=matches,
         before_errors={run.name: compare_run(start, run, noise.rms[run.name]).rms for run in observed},
         evaluations=search.evaluations,
-        seconds=perf_counter() - began,
         noise=noise,
         doubts=tuple(doubts(seen)),
     )

@@ -129,9 +129,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     InputError
         If there is no recording and no table.
     """
-    if not recordings and tables:
-        return Check((), tuple(each for table in tables for each in table.suspicions), (), {}, tuple(tables))
-    if not recordings:
+    if not recordings and not tables:
         raise InputError("command line", "RUNS", None, "name at least one recorded run")
     runs = [each for each in recordings if isinstance(each, Run)]
     responses = [each for each in recordings if isinstance(each, FrequencyResponse)]
@@ -154,7 +152,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     return Check(
         tuple(_run(each, roles[each.name], floors) if isinstance(each, Run) else _lines(each) for each in recordings),
         tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
-        coverage.coverage(list(kinds)),
+        coverage.coverage(list(kinds)) if recordings else (),
         {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
         tuple(tables),
         tuple(recordings),
@@ -198,10 +196,13 @@ def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: 
             'record a second run, or state role = "validate" for one: a model is validated on runs that were not fitted'
         )
         found.append(Suspicion("", "no run can be kept for validation", remedy))
-    for name, (least, most) in coverage.levels_of(runs).items():
-        if most < 1.5 * least and len(runs) > 1:
+    for name in dict.fromkeys(name for run in runs for name in run.commands):
+        moving = [run for run in runs if name in run.commands and np.ptp(run.columns[name]) > 0]
+        sizes = [float(np.ptp(run.columns[name])) for run in moving]
+        has_steps = any("staircase" in coverage.kinds_of(run) for run in moving)  # of several sizes
+        if sizes and len(runs) > 1 and max(sizes) < 1.5 * min(sizes) and not has_steps:
             remedy = "record the same command small and large: nonlinear effects show in the difference"
-            low, high = f"{least:.4g}", f"{most:.4g}"
+            low, high = f"{min(sizes):.4g}", f"{max(sizes):.4g}"
             size = f"one size in all runs, {high}" if low == high else f"nearly one size in all runs, {low} to {high}"
             found.append(Suspicion("", f"{name} has {size} V peak to peak", remedy))
     for run in runs:

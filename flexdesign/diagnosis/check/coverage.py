@@ -1,11 +1,12 @@
 """Which kinds of experiment recordings are, and which effects of the catalogue these can reveal.
 
-The kinds are those of `experiment_design.signature.KIND_WORDS`, by which the catalogue says what reveals an effect.
+The kinds are those of `KIND_WORDS` in `experiment_design.effect_strength`, by which the catalogue says what reveals an
+effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -171,19 +172,3 @@ def _octaves(values: Array) -> float:
     edges = np.unique(np.geomspace(1, len(power), 2 * int(np.log2(max(len(power), 2))) + 1).astype(int))
     bands = np.add.reduceat(power, edges[edges < len(power)]) if len(power) > 1 else power
     return 0.5 * float(np.count_nonzero(bands > LINE_LEVEL * bands.sum()) - 1)
-
-
-def levels_of(runs: Sequence[Run]) -> Mapping[str, tuple[float, float]]:
-    """Return the smallest and the largest size of each command in the runs in which it moves [V].
-
-    Sizes are spans of runs, and jumps between two levels of a staircase.
-    """
-    sizes: dict[str, list[float]] = {}
-    for run in runs:
-        for name in run.commands:
-            values = run.columns[name]
-            if (span := float(np.ptp(values))) > 0:
-                levels = [float(np.mean(values[first:last])) for first, last in resting(values)]
-                jumps = [size for a, b in pairwise(levels) if (size := abs(b - a)) > STEP_CHANGE * span]
-                sizes.setdefault(name, []).extend([span, *(jumps if len(levels) >= STAIRCASE_LEVELS else [])])
-    return {name: (min(each), max(each)) for name, each in sizes.items()}

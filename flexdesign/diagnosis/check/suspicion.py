@@ -108,13 +108,9 @@ def _same(one: Run, other: Run) -> bool:
     count = min(len(one.time), len(other.time))
     if one.commands != other.commands or count < 0.9 * max(len(one.time), len(other.time)):
         return False
-    spans = [float(np.ptp(one.columns[name])) for name in one.commands]
-    if not any(spans):
-        return False
-    return all(
-        float(np.abs(one.columns[name][:count] - other.columns[name][:count]).max()) <= STILL_CHANGE * span
-        for name, span in zip(one.commands, spans, strict=True)
-    )
+    pairs = [(one.columns[name], other.columns[name][:count]) for name in one.commands]
+    differ = any(np.abs(a[:count] - b).max() > STILL_CHANGE * np.ptp(a) for a, b in pairs)
+    return not differ and any(np.ptp(a) for a, _ in pairs)
 
 
 def _of_command(name: str, run: Run) -> list[Suspicion]:

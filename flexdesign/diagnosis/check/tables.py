@@ -13,7 +13,7 @@ from pathlib import Path
 
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.measurements import static_table
-from flexdesign.measurements.static_table import AXIS, HEAD, QUANTITIES
+from flexdesign.measurements.static_table import AXIS, HEAD
 
 #: Where nobody states a standard deviation a measurement is trusted to this share.
 DEFAULT_DEVIATION = 0.02
@@ -104,13 +104,6 @@ def facts(path: Path) -> TableFacts:
         found.append(Suspicion(path.stem, "no row states its standard deviation", remedy))
     for part in dict.fromkeys(row.part for row in rows):
         found += _of_part(path.stem, [row for row in rows if row.part == part])
-    if len({row.part for row in rows}) == 1:
-        remedy = "measure parts of different dimensions: they distinguish a wrong modulus from thin hinges"
-        found.append(Suspicion(path.stem, "all rows are of one part", remedy))
-    measured = {row.quantity for row in rows}
-    if lacking := [name for name in QUANTITIES if name not in measured]:
-        words = ", ".join(f"{name} ({QUANTITIES[name][2]})" for name in lacking)
-        found.append(Suspicion(path.stem, f"{words} was not measured", "several effects differ in it alone"))
     return TableFacts(path.stem, tuple(rows), tuple(found))
 
 

@@ -1,7 +1,7 @@
 """The bench: command files within an axis' limits, effect signatures, and which distinguish two effects."""
 
 from flexdesign.diagnosis.experiment_design.commands import Command
-from flexdesign.diagnosis.experiment_design.discrimination import Proposal, Resolved, proposals, resolve_effects
+from flexdesign.diagnosis.experiment_design.discrimination import Resolved, proposals, resolve_effects
 from flexdesign.diagnosis.experiment_design.effect_strength import (
     EffectAtStrength,
     Signature,
@@ -16,7 +16,6 @@ __all__ = [
     "Command",
     "EffectAtStrength",
     "Limits",
-    "Proposal",
     "Resolved",
     "Signature",
     "StatedLimits",

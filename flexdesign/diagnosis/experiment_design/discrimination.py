@@ -211,20 +211,20 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
     axis, and a change of temperature. Each is simulated with either effect in the diagnosed model; the difference is
     stated as a multiple of the noise of the runs.
     """
-    return tuple(_proposal(found, group, progress) for group in found.confusable)
-
-
-def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Proposal:
-    resolved = list[Resolved]()
-    try:
-        highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
-        rate = min(found.model.controller.rate, SAMPLES_PER_PERIOD * highest)
-        limits = of_axis(replace(found.model, controller=replace(found.model.controller, rate=rate)), found.axis)
-        model = dynamics(found.model, found.axis, limits)
-        menu = [*suite_of(model, limits), *other_excitations(model, limits)]
-        for other in group[1:]:
-            progress(f"simulating what distinguishes {group[0]} from {other}")
-            resolved.append(resolve_effects(model, (group[0], other), menu, found.noise_floor))
-    except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
-        return Proposal(group, tuple(resolved), f"{error.field} {error.remedy}".strip())
-    return Proposal(group, tuple(resolved))
+    proposed = []
+    for group in found.confusable:
+        resolved, reason = list[Resolved](), ""
+        try:
+            highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
+            rate = min(found.model.controller.rate, SAMPLES_PER_PERIOD * highest)
+            sampled = replace(found.model, controller=replace(found.model.controller, rate=rate))
+            limits = of_axis(sampled, found.axis)
+            model = dynamics(found.model, found.axis, limits)
+            menu = [*suite_of(model, limits), *other_excitations(model, limits)]
+            for other in group[1:]:
+                progress(f"simulating what distinguishes {group[0]} from {other}")
+                resolved.append(resolve_effects(model, (group[0], other), menu, found.noise_floor))
+        except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
+            reason = f"{error.field} {error.remedy}".strip()
+        proposed.append(Proposal(group, tuple(resolved), reason))
+    return tuple(proposed)

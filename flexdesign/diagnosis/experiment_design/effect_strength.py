@@ -17,7 +17,7 @@ from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
-from flexdesign.dynamics.stage_model import AxisModel, fields
+from flexdesign.dynamics.stage_model import fields
 
 #: A search for a strength ends this close to it, relative.
 STRENGTH_TOLERANCE = 0.03
@@ -93,7 +93,10 @@ class EffectAtStrength:
         """
         from scipy.optimize import brentq
 
-        sign, ends = -1.0 if self.start < 0 else 1.0, self._magnitudes()
+        sign, (low, high) = -1.0 if self.start < 0 else 1.0, self.strength.plausible
+        largest = max(abs(low), abs(high))
+        largest = largest if math.isfinite(largest) else 1e6 * abs(self.start)
+        ends = math.log(max(low, 1e-9 * largest)), math.log(largest)  # at most nine decades
 
         @cache
         def excess(place: float) -> float:
@@ -103,13 +106,6 @@ class EffectAtStrength:
         if excess(ends[0]) * excess(ends[1]) > 0:
             return sign * math.exp(min(ends, key=lambda end: abs(excess(end))))
         return sign * math.exp(brentq(excess, *ends, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
-
-    def _magnitudes(self) -> tuple[float, float]:
-        """Return the logarithms between which the strength may lie; at most nine decades."""
-        low, high = self.strength.plausible
-        largest = max(abs(low), abs(high))
-        largest = largest if math.isfinite(largest) else 1e6 * abs(self.start)
-        return math.log(low if low > 1e-9 * largest else 1e-9 * largest), math.log(largest)
 
 
 def on(model: AxisDynamics, name: str) -> EffectAtStrength:
@@ -130,22 +126,17 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
         raise InputError("command line", "effect", name, remedy)
     own = next((p for p in effect.parameters if p.null is not None), effect.parameters[0])
     if elsewhere:
-        cleared = model.replace({elsewhere: 0.0 if own.null is None else own.null})
-        without, key, known = _fresh(cleared, cleared.axis), elsewhere, own
-        return EffectAtStrength(name, without, without.with_effect(effect, name), known, key)
+        model = model.replace({elsewhere: 0.0 if own.null is None else own.null})
     # A hysteresis takes the place of another one.
     others = {
         other: values
         for other, values in model.axis.effects.items()
         if other != name and not (effect.is_hysteresis and effects.find(other).is_hysteresis)
     }
-    without = _fresh(model, replace(model.axis, effects=others))
-    added, key = without.with_effect(effect, name), f"{name}.{own.name}"
-    return EffectAtStrength(name, without, added, parameter_of(added, key), key)
-
-
-def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
-    return AxisDynamics(model.name, axis, model.max_command, COMPARED_TOLERANCE, delay=model.delay)
+    axis = replace(model.axis, effects=others)
+    without = AxisDynamics(model.name, axis, model.max_command, COMPARED_TOLERANCE, delay=model.delay)
+    added, key = without.with_effect(effect, name), elsewhere or f"{name}.{own.name}"
+    return EffectAtStrength(name, without, added, own if elsewhere else parameter_of(added, key), key)
 
 
 # --- what an experiment shows ---------------------------------------------------------------------------------------

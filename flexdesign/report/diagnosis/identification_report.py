@@ -177,9 +177,7 @@ def _estimates_text(identification: Identification) -> list[str]:
 
 
 def _rests_on(identification: Identification) -> list[str]:
-    sentences = [
-        f"{identification.starts}; {identification.evaluations} simulations in {identification.seconds:.1f} s."
-    ]
+    sentences = [f"{identification.starts}; {identification.evaluations} simulations."]
     if identification.fit:
         factor = max(match.inflation for match in identification.fit.matches)
         if factor > 1.5:
