@@ -48,10 +48,8 @@ AROUND = 25
 #: damping ratio of 0.4 a swing is a quarter of the one before. Of 50 samples of normal noise none is twice the largest
 #: other.
 BEYOND = 8.0
-#: And it is this many times the median change from sample to sample, which noise is not; and this share of the motion.
-BEYOND_MEDIAN, SHARE = 20.0, 0.05
-#: The readings before and after differ by no more than this share of the jump.
-RETURNS = 0.25
+#: And it is this share of the motion.
+SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -301,24 +299,23 @@ def outliers(run: Run, response: str) -> Places:
         return there[:0]
     low, high = np.percentile(reading, (2, 98))
     smallest = float(sizes[sizes > 0].min())  # the resolution, where readings have one
-    least = max(BEYOND * smallest, BEYOND_MEDIAN * float(np.median(sizes)), SHARE * float(high - low))
+    least = max(BEYOND * max(smallest, float(np.median(sizes))), SHARE * float(high - low))
     jumps = np.flatnonzero(sizes > least)
     away, back = jumps[:-1], jumps[1:]
     is_pair = (back - away <= LONGEST) & (steps[away] * steps[back] < 0)
     found = [
         there[first + 1 : last + 1]
         for first, last in zip(away[is_pair].tolist(), back[is_pair].tolist(), strict=True)
-        if _stands_out(reading, sizes, first, last)
+        if _stands_out(sizes, first, last)
         and not _is_driven(run, int(there[max(first - AROUND, 0)]), int(there[last + 1]))
     ]
     return np.concatenate(found) if found else there[:0]
 
 
-def _stands_out(reading: Array, sizes: Array, first: int, last: int) -> bool:
+def _stands_out(sizes: Array, first: int, last: int) -> bool:
     """Tell whether a jump at `first` and one back at `last` are far larger than those around them."""
-    size = min(sizes[first], sizes[last])
     around = np.concatenate([sizes[max(first - AROUND, 0) : first], sizes[last + 1 : last + 1 + AROUND]])
-    return bool(size > BEYOND * around.max(initial=0.0) and abs(reading[last + 1] - reading[first]) <= RETURNS * size)
+    return bool(min(sizes[first], sizes[last]) > BEYOND * around.max(initial=0.0))
 
 
 def _is_driven(run: Run, first: int, last: int) -> bool:

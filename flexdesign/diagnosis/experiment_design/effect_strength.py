@@ -23,10 +23,8 @@ from flexdesign.dynamics.stage_model import fields
 STRENGTH_TOLERANCE = 0.03
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
 VISIBLE_SHARE = 0.01
-#: A change below this share of the stroke cannot be seen.
-INVISIBLE_SHARE = 1e-5
-#: An experiment shows an effect if it changes the reading by this share of the change in the best experiment.
-SHOWN_SHARE = 0.1
+#: An experiment shows an effect if it changes the reading by this share of the stroke.
+SHOWN_SHARE = 1e-3
 #: Words by which the catalogue names each kind of experiment.
 KIND_WORDS = {
     "quiet": ("quiet",),
@@ -241,11 +239,8 @@ class Signature:
 
     @property
     def visible(self) -> tuple[EffectResponse, ...]:
-        """The experiments that show it; none if the strongest plausible effect changes nothing in any of them."""
-        best = max((each.change for each in self.seen), default=0.0)
-        return tuple(
-            each for each in self.seen if each.change >= max(SHOWN_SHARE * best, INVISIBLE_SHARE * self.stroke)
-        )
+        """The experiments that show it; none if the strongest plausible effect hardly changes any of them."""
+        return tuple(each for each in self.seen if each.change >= SHOWN_SHARE * self.stroke)
 
 
 def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Signature:
@@ -257,22 +252,19 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
     experiments = [command for command in experiments if columns or not command.recorded]
     without = [reading(effect.without, command) for command in experiments]
 
-    def change(number: int, strength: float) -> float:
-        return rms(reading(effect.at(strength), experiments[number]) - without[number])
-
-    changes = [change(number, effect.start) for number in range(len(experiments))]
-    best = max(range(len(experiments)), key=lambda number: changes[number] if math.isfinite(changes[number]) else 0.0)
+    started = effect.at(effect.start)
+    changes = [rms(reading(started, command) - before) for command, before in zip(experiments, without, strict=True)]
+    best = int(np.argmax(np.where(np.isfinite(changes), changes, 0.0)))
     plain = without[best]
     strength = effect.search(VISIBLE_SHARE * stroke, lambda model: rms(reading(model, experiments[best]) - plain))
     seen = [
         EffectResponse(command, before, reading(effect.at(strength), command))
         for command, before in zip(experiments, without, strict=True)
     ]
-    finite = [each for each in seen if math.isfinite(each.change)]
-    largest, reveal = max((each.change for each in finite), default=0.0), effects.find(effect.name).reveal
+    finite, reveal = [each for each in seen if math.isfinite(each.change)], effects.find(effect.name).reveal
 
     def rank(each: EffectResponse) -> tuple[bool, float]:
-        return names_kind(reveal, each.command.kind) and each.change >= SHOWN_SHARE * largest, each.change
+        return names_kind(reveal, each.command.kind) and each.change >= SHOWN_SHARE * stroke, each.change
 
     return Signature(effect, strength, stroke, tuple(sorted(finite, key=rank, reverse=True)))
 

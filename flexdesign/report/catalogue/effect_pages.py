@@ -166,7 +166,7 @@ def _signature(effect: Effect, signature: Signature, model: Mapping[str, str], d
     on = f"axis {axis.name} of the {model['title']}" if model.get("title") else f"axis {axis.name}"
     where = f"Shown on {on}{model.get('changes', '')}, stroke {stroke}, without noise, at {sentences}."
     if not signature.visible:
-        return Section("Signature", [where, "Even so none of the experiments changes by a hundred-thousandth of it."])
+        return Section("Signature", [where, "Even so none of the experiments changes by a thousandth of it."])
     best = max(signature.seen, key=lambda seen: seen.change)
     share = 100 * best.change / signature.stroke
     strongest = f"It changes the reading of {_plain(best)} most: by {units.significant(share, 2)} % of the stroke, rms."
