@@ -34,9 +34,6 @@ from flexdesign.estimation.model_selection.forward_selection import Entry, finis
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: A parameter may be set within `CONFLICT` standard deviations of its prior; else from a half to twice its value.
-DEFAULT_FACTOR = 2.0
-
 
 @dataclass(frozen=True)
 class AdjustableParameter:
@@ -368,15 +365,18 @@ class Confrontation:
 
 
 def _adjustable(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:
-    """Return the parameters of a fit that belong to no run; those in `by_hand` have these values, SI."""
+    """Return the parameters of a fit that belong to no run; those in `by_hand` have these values, SI.
+
+    One with a prior may be set within `CONFLICT` standard deviations of it, another from a half to twice its value.
+    """
     where, x = fit.solution.problem.where, fit.solution.x
     values, known, adjustable = where.values(x), where.known, []
     for parameter in where.parameters:
         if parameter.run:
             continue
         fitted = values[parameter.name]
-        reach = abs(fitted) * (1 - 1 / DEFAULT_FACTOR) or 1.0
-        low, high = fitted - reach, fitted + DEFAULT_FACTOR * reach
+        half = 0.5 * abs(fitted) or 1.0
+        low, high = fitted - half, fitted + 2 * half
         if parameter.name in known and parameter.scale == "linear":
             middle, sigma = known[parameter.name]
             low, high = min(fitted, middle - CONFLICT * sigma), max(fitted, middle + CONFLICT * sigma)

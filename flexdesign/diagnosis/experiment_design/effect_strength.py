@@ -248,8 +248,9 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
 
     Experiments that its description names come first, if they show it, then those that it changes most.
     """
-    stroke, columns = effect.without.stroke, _columns(effect.name)
-    experiments = [command for command in experiments if columns or not command.recorded]
+    stroke, catalogued = effect.without.stroke, effects.find(effect.name)
+    needs_columns = any(isinstance(face, Disturbance) and face.columns for face in catalogued.faces)
+    experiments = [command for command in experiments if needs_columns or not command.recorded]
     without = [reading(effect.without, command) for command in experiments]
 
     started = effect.at(effect.start)
@@ -261,18 +262,12 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
         EffectResponse(command, before, reading(effect.at(strength), command))
         for command, before in zip(experiments, without, strict=True)
     ]
-    finite, reveal = [each for each in seen if math.isfinite(each.change)], effects.find(effect.name).reveal
+    finite = [each for each in seen if math.isfinite(each.change)]
 
     def rank(each: EffectResponse) -> tuple[bool, float]:
-        return names_kind(reveal, each.command.kind) and each.change >= SHOWN_SHARE * stroke, each.change
+        return names_kind(catalogued.reveal, each.command.kind) and each.change >= SHOWN_SHARE * stroke, each.change
 
     return Signature(effect, strength, stroke, tuple(sorted(finite, key=rank, reverse=True)))
-
-
-def _columns(name: str) -> tuple[str, ...]:
-    """Return the recorded columns that an effect needs."""
-    faces = effects.find(name).faces
-    return tuple(column for face in faces if isinstance(face, Disturbance) for column in face.columns)
 
 
 def names_kind(reveal: str, kind: str) -> bool:
