@@ -589,7 +589,9 @@ def test_why_possible_effects_are_not_named_is_said() -> None:
     assert found.refusal == "less than twice what then remains is explained"
     assert f"creep (50 %). It is not named, as {found.refusal}. To fit it" in diagnosis_text.possible(found)
     found = judged(about, first, fit(about, 0.01 * MUCH, 0.01 * MUCH, [creep(about)]), is_better_smooth=True)
-    assert found.refusal == "smooth functions or a linear system explain as much in the place of effects"
+    assert (
+        found.refusal == "smooth functions, a static curve or a linear system explain as much in the place of effects"
+    )
     # Of two effects the reason is that against the first, which explains most.
     levels = [
         fit(about, share * MUCH, share * MUCH, [creep(about), effect(about, "mains_hum")][:k])

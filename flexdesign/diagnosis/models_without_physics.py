@@ -1,4 +1,4 @@
-"""Models without physics in the place of effects: a linear system, and sums of smooth functions.
+"""Models without physics in the place of effects: a linear system, a static curve, and sums of smooth functions.
 
 *Linear system.* A model may lack linear dynamics that no effect of the catalogue describes: a sensor of velocity or
 acceleration, or a part that responds at once. Hysteresis then imitates their phase. The reading of the linear system is
@@ -6,12 +6,18 @@ a linear combination of the command, and of the position and the velocity of a m
 (output-error model with three numerator and two denominator coefficients: Ljung, System Identification, 1999, section
 4.2). The coefficients are linear and are eliminated (variable projection: Golub and Pereyra 1973).
 
+*Static curve.* Several effects that are functions of position or voltage, without memory, may be the first terms of a
+series for one curve that no effect describes, such as a contact within the stroke. The curve is a regression spline:
+piecewise linear functions of position and of voltage that add up (Ruppert, Wand and Carroll, Semiparametric Regression,
+2003).
+
 *Smooth functions* depend on position, velocity, voltage and time; for frequency responses, on frequency.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
@@ -29,7 +35,7 @@ from flexdesign.estimation.criterion import BETTER
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, refit
 from flexdesign.estimation.model_selection.sparse_residual_model import (
     SparseModel,
     cost_of_terms,
@@ -41,6 +47,8 @@ from flexdesign.measurements.recordings.frequency_response import parts, whole
 
 #: Damping ratios of the linear system, and the factor by which its frequency may differ from the starting point.
 DAMPING_RATIOS, LARGEST_FREQUENCY_FACTOR = (1e-3, 3.0), 20.0
+#: Number of knots of a regression spline (default of Ruppert, Wand and Carroll 2003 for more than 140 values).
+KNOTS = 35
 #: Unit of velocity, as a share of stroke times natural frequency; the sign of velocity turns at a tenth of it.
 VELOCITY_SCALE = 0.1
 #: Thresholds of hinge functions, as shares of the stroke.
@@ -88,8 +96,10 @@ def _columns(model: AxisDynamics, run: Run, frequency: float, damping_ratio: flo
     return np.column_stack([command - command[0], *mode_response(command, frequency, damping_ratio, run.period)])
 
 
-def mode_response(force: Array, frequency: float, damping_ratio: float, period: float) -> tuple[Array, Array]:
-    """Return position, and velocity over 2 pi times the frequency, of a mode from rest under a held force.
+def mode_response(
+    force: Array, frequency: float, damping_ratio: float, period: float, *, held: bool = True
+) -> tuple[Array, Array]:
+    """Return position, and velocity over 2 pi times the frequency, of a mode from rest under a force.
 
     Parameters
     ----------
@@ -99,18 +109,86 @@ def mode_response(force: Array, frequency: float, damping_ratio: float, period: 
         Of the mode [Hz, 1].
     period
         Of the samples [s].
+    held
+        Whether the force is held between samples; otherwise it goes straight to the next. A force that follows a motion
+        and is taken as held is late by half a sample, which matters near a resonance.
     """
     from scipy.signal import lfilter
 
     w = 2 * math.pi * frequency
     a = w * np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]])
     passage = exact_step.step(a, w * np.array([0.0, 1.0]), period)
-    f, g = passage.transition, passage.weights.sum(axis=1)
-    # Each state of x' = F x + g u as a difference equation.
+    f, (start, middle, end) = passage.transition, passage.weights.T
+    g, h = (start + middle + end, np.zeros(2)) if held else (start + 0.5 * middle, end + 0.5 * middle)
+    # Each state of x' = F x + g u + h u' as a difference equation; u and u' are the force at both ends of a sample.
     denominator = [1.0, -np.trace(f), np.linalg.det(f)]
-    numerators = ([0.0, g[0], f[0, 1] * g[1] - f[1, 1] * g[0]], [0.0, g[1], f[1, 0] * g[0] - f[0, 0] * g[1]])
+    numerators = (
+        [h[0], g[0] + f[0, 1] * h[1] - f[1, 1] * h[0], f[0, 1] * g[1] - f[1, 1] * g[0]],
+        [h[1], g[1] + f[1, 0] * h[0] - f[0, 0] * h[1], f[1, 0] * g[0] - f[0, 0] * g[1]],
+    )
     position, velocity = (np.asarray(lfilter(above, denominator, force - force[0])) for above in numerators)
     return position, velocity
+
+
+# --- static curve ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class StaticCurve:
+    """Piecewise linear functions of position, which add to the force on the table and to its reading, and of voltage.
+
+    Parameters
+    ----------
+    model
+        The axis.
+    positions, voltages
+        Knots [response, V].
+    """
+
+    model: AxisDynamics
+    positions: Array
+    voltages: Array
+
+    def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
+        """Return the functions by name, n values each."""
+        assert isinstance(observation, Run)
+        command = self.model.command(observation)
+        of_position = {f"position {j}": np.maximum(predicted - knot, 0.0) for j, knot in enumerate(self.positions)}
+        of_voltage = {f"voltage {j}": np.maximum(command - knot, 0.0) for j, knot in enumerate(self.voltages)}
+        forces = {
+            f"force: {name}": force_response(self.model, observation, name, values)
+            for name, values in (of_position | of_voltage).items()
+        }
+        return {**{f"reading: {name}": values for name, values in of_position.items()}, **forces}
+
+
+def is_better_curve(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
+    """Tell whether a static curve explains more in place of several effects of a fit that are terms of one.
+
+    One effect is no series: it may be there, next to more that the model lacks.
+    """
+    terms = [effect for effect in fit.effects if effects.find(effect.name).is_curve]
+    if len(terms) < 2 or not data.runs or data.responses:
+        return False
+    others = tuple(effect for effect in fit.effects if effect not in terms)
+    if (begun := refit(task, fit, others) if others else base) is None:
+        return False
+    everywhere = _over_all_runs(task, begun)
+    dataset, model = everywhere.solution.problem.dataset, cast(AxisDynamics, begun.model)
+    runs = [cast(Run, record.observation) for record in dataset.records]
+    curve = StaticCurve(
+        model, _knots([model.predict(run) for run in runs]), _knots([model.command(run) for run in runs])
+    )
+    names = list(curve(runs[0], model.predict(runs[0])))
+    of_curve, _ = cost_of_terms(task, everywhere, curve, names)
+    samples = dataset.samples
+    return of_curve + len(names) - samples < BETTER * (fit.fitted_chi2 + fit.validation_chi2 - samples)
+
+
+def _knots(values: Sequence[Array]) -> Array:
+    """Return the knots of a spline over the range of some values, at even distances within it."""
+    every = np.concatenate(values)
+    return np.linspace(every.min(), every.max(), KNOTS + 2)[1:-1]
 
 
 # --- smooth functions ------------------------------------------------------------------------------------------------
@@ -180,7 +258,9 @@ class BasisFunctions:
     def _in_time(self, observation: Observation, predicted: Array) -> dict[str, Array]:
         assert isinstance(observation, Run)
         functions = self._functions(observation, predicted)
-        forces = {f"force: {name}": self._response(values, observation.period) for name, values in functions.items()}
+        forces = {
+            f"force: {name}": force_response(self.model, observation, name, functions[name]) for name in functions
+        }
         readings = {f"reading: {name}": values for name, values in functions.items()}
         return {**readings, **forces, **self._of_time(observation)}
 
@@ -208,10 +288,14 @@ class BasisFunctions:
             "reading: time": run.time - run.time[0],
         }
 
-    def _response(self, force: Array, period: float) -> Array:
-        """Return the position of the main mode under a force over the stiffness, held between samples."""
-        axis = self.model.axis
-        return mode_response(force, axis.natural_frequency, axis.damping_ratio, period)[0]
+
+def force_response(model: AxisDynamics, run: Run, name: str, force: Array) -> Array:
+    """Return the position of the main mode under a force over the stiffness.
+
+    The force follows the motion; one that is named after the voltage follows the command, which may be held.
+    """
+    axis, held = model.axis, run.between_samples == "hold" and name.startswith("voltage")
+    return mode_response(force, axis.natural_frequency, axis.damping_ratio, run.period, held=held)[0]
 
 
 def basis_functions_of(data: DiagnosisData, fit: FittedModel) -> BasisFunctions:
@@ -232,8 +316,12 @@ def smooth_residual_model(data: DiagnosisData, task: EstimationTask, fit: Fitted
 
 
 def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
-    """Tell whether a linear system or smooth functions explain more in place of the effects of a fit."""
-    return is_better_linear(data, base, fit) or is_better_smooth(data, task, base, fit)
+    """Tell whether a linear system, a static curve or smooth functions explain more than the effects of a fit."""
+    return (
+        is_better_linear(data, base, fit)
+        or is_better_curve(data, task, base, fit)
+        or is_better_smooth(data, task, base, fit)
+    )
 
 
 def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
@@ -268,7 +356,7 @@ def _over_all_runs(task: EstimationTask, fit: FittedModel) -> FittedModel:
     second amplitude shows in all runs together.
     """
     problem = fit.solution.problem
-    own = task.prepared(task, fit.model).validate.at(fit.model)
+    own = task.validate.with_shapes(problem.dataset.shapes)
     free = [parameter.name for parameter in problem.where.parameters if not parameter.run]
     problem = task.problem(problem.dataset.joined(own), fit.model, free)
     solution = linearise(problem, problem.where.start)

@@ -24,7 +24,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 )
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
-from flexdesign.diagnosis.models_without_physics import is_better_linear, smooth_residual_model
+from flexdesign.diagnosis.models_without_physics import is_better_curve, is_better_linear, smooth_residual_model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
@@ -113,8 +113,8 @@ def diagnose(
         history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
         diagnosis = diagnosis_of(model, data, history, conclusion)
-        if conclusion.verdict == "unknown" and is_better_linear(data, history.calibration, history.final):
-            diagnosis = replace(diagnosis, remainder=f"{diagnosis.remainder}; {LINEAR_IS_BETTER}")
+        if conclusion.verdict == "unknown" and (kind := _kind_of_model(data, task, history)):
+            diagnosis = replace(diagnosis, remainder=f"{diagnosis.remainder}; {kind}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(diagnosis, evaluations=evaluations, seconds=perf_counter() - start_time)
 
@@ -172,10 +172,22 @@ def catalogue(
     )
 
 
+def _kind_of_model(data: DiagnosisData, task: EstimationTask, history: SelectionHistory) -> str:
+    """Return what kind of model explains more than the effects that were tried, in words; empty if none does."""
+    if is_better_linear(data, history.calibration, history.final):
+        return LINEAR_IS_BETTER
+    return CURVE_IS_BETTER if is_better_curve(data, task, history.calibration, history.final) else ""
+
+
 #: Shape of a remainder if nonlinear effects only imitate linear dynamics.
 LINEAR_IS_BETTER = (
     "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
     "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
+)
+#: Shape of a remainder if several static effects are the first terms of a series for another curve.
+CURVE_IS_BETTER = (
+    "a static curve of position and voltage explains more than the effects that were tried, so that the model lacks a "
+    "nonlinearity without memory, such as a contact within a part of the stroke, or a sensor that is not straight"
 )
 
 

@@ -51,9 +51,9 @@ def decide(
     explained, and so does a white one if the noise is unknown.
 
     If the model is not adequate, effects may approximate something else. They are then refused in two cases. A linear
-    system, or the smooth functions that describe the remainder, explain more in their place. Or a parameter of the
-    model itself, such as the gain, ends at a limit: the effect then stands for the motion that the model no longer
-    explains.
+    system, a static curve, or the smooth functions that describe the remainder, explain more in their place. Or a
+    parameter of the model itself, such as the gain, ends at a limit: the effect then stands for the motion that the
+    model no longer explains.
     """
     every = history.levels
     adequate = is_adequate(data, history.final, left) and not history.final.at_bound()
@@ -71,7 +71,7 @@ def decide(
         elif ends := [*fit.at_bound(), *_limits(fit)]:
             reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
         elif is_better_without_physics(data, task, every[0], fit):
-            reason = "smooth functions or a linear system explain as much in the place of effects"
+            reason = "smooth functions, a static curve or a linear system explain as much in the place of effects"
         else:
             return "effects-found", fit, refusal
         refusal = refusal or reason  # that of the last fit

@@ -15,7 +15,7 @@ Of several effects that pass, the one with the least BIC is *preferred*. If BIC 
 adequate, each is an approximation. Then an effect that predicts the validation runs better by `SHARE` comes before it.
 
 All added effects are *named* if the residual is noise. Otherwise they are named if they explain much compared with the
-residual, and if neither smooth functions nor a linear system explain more in their place.
+residual, and if neither smooth functions, a static curve nor a linear system explain more in their place.
 """
 
 from __future__ import annotations

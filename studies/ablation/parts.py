@@ -93,6 +93,12 @@ PARTS: tuple[Part, ...] = (
     ),
     Part(
         "flexdesign.diagnosis.models_without_physics",
+        "is_better_curve",
+        "compares several effects without memory with a static curve",
+        _false,
+    ),
+    Part(
+        "flexdesign.diagnosis.models_without_physics",
         "is_better_linear",
         "compares effects with a linear system",
         _false,

@@ -345,6 +345,12 @@ class Effect:
         """Whether recordings can show one of its faces; without faces, a parameter of the stage model represents it."""
         return not self.faces or any(not _is_static(face) for face in self.faces)
 
+    @property
+    def is_curve(self) -> bool:
+        """Whether it only bends the static relation of command and reading: not linear, and without memory."""
+        has_memory = any(not isinstance(face, Block) or face.remembers for face in self.faces)
+        return bool(self.faces) and not self.is_linear and not has_memory
+
     def is_null(self, values: Values) -> bool:
         """Tell whether the effect is switched off: all its strengths stand at their nulls."""
         return bool(self._nulls) and all(values[name] == null for name, null in self._nulls)
