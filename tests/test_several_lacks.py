@@ -9,11 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from flexdesign.diagnosis import procedure
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, case_of
 from flexdesign.diagnosis.models_without_physics import is_better_curve, is_better_smooth
@@ -112,3 +116,19 @@ def test_effects_that_are_terms_of_another_curve_explain_less_than_a_curve(
         (effect,) = (each for each in candidates(dynamics) if each.name == name)
         fit = fit_candidate(begun.task, fit, effect)
     assert is_better_curve(data, begun.task, begun.calibrated, fit) is expected
+
+
+@pytest.mark.parametrize(
+    ("linear", "curve", "expected"),
+    [
+        (True, True, "the model lacks linear dynamics"),
+        (False, True, "a contact within a part of the stroke"),
+        (False, False, ""),
+    ],
+)
+def test_the_answer_says_what_kind_of_model_explains_more(linear: bool, curve: bool, expected: str) -> None:
+    history: Any = SimpleNamespace(calibration=None, final=None)
+    none: Any = None
+    with mock.patch.multiple(procedure, is_better_linear=lambda *_: linear, is_better_curve=lambda *_: curve):
+        said = procedure._kind_of_model(none, none, history)
+    assert expected in said and bool(said) == (linear or curve)
