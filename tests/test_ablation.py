@@ -60,7 +60,7 @@ def test_a_part_comes_back_after_an_error() -> None:
 
 def test_a_part_acts_where_it_returns_something_else_than_without_it() -> None:
     def accepted(error: float) -> Any:
-        fit = SimpleNamespace(exceeds_noise=True, bic=lambda _: 0.0, discrepancy=1.0, at_bound=lambda: [])
+        fit = SimpleNamespace(exceeds_noise=True, bic=lambda _: 0.0, discrepancy=1.0, effects=(), at_bound=lambda: [])
         return SimpleNamespace(error=error, fit=fit)
 
     about: Any = SimpleNamespace(validate=SimpleNamespace(records=[None]), noise_rms=0.0)

@@ -192,7 +192,7 @@ def concluded(
     course: SelectionHistory,
     left: SparseModel | None = None,
     is_better_smooth: bool = False,
-    is_determined: bool = True,
+    is_end_relevant: bool = True,
 ) -> Diagnosis:
     left = left or sparse_model()
     # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
@@ -201,8 +201,10 @@ def concluded(
             judgement,
             intervals=quadratic,
             is_better_without_physics=lambda *_: is_better_smooth,
+            relevant_ends=lambda _, fit: fit.at_bound(),
+            is_end_relevant=lambda *_: is_end_relevant,
         ),
-        mock.patch.multiple(FittedModel, is_white=False, is_undetermined=lambda *_: not is_determined),
+        mock.patch.object(FittedModel, "is_white", False),
     ):
         _, task = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
         verdict, named, refusal = decide(about, task, course, left)
@@ -549,17 +551,17 @@ def test_other_moves_name_nothing(moved: dict[str, float], is_said: bool) -> Non
     assert bool(found.conflicts) is is_said
 
 
-@pytest.mark.parametrize(("times", "is_determined", "verdict"), [
+@pytest.mark.parametrize(("times", "is_end_relevant", "verdict"), [
     (1.0, True, "unknown"), (1.0, False, "effects-found"), (2.0, True, "effects-found"),
 ])  # fmt: skip
 def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
-    times: float, is_determined: bool, verdict: str
+    times: float, is_end_relevant: bool, verdict: str
 ) -> None:
     """A tenth of the design's gain, the least that is plausible, leaves the motion to the effect."""
     about = data()
     moved = {"gain": 0.1 * times * about.axis.gain}
     course = course_of(fit(about, MUCH, MUCH), fit(about, 0.1 * MUCH, 0.1 * MUCH, [creep(about)], moved))
-    found = concluded(about, course, is_determined=is_determined)
+    found = concluded(about, course, is_end_relevant=is_end_relevant)
     assert found.verdict == verdict
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
     assert found.refusal == ("gain is at the end of what is plausible" if verdict == "unknown" else "")

@@ -36,7 +36,7 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import LARGE, OVERSTATED, WORSE
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.model_selection.model_comparison import Step, Trial
+from flexdesign.estimation.model_selection.model_comparison import Step, Trial, is_end_relevant, relevant_ends
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.estimation.uncertainty.identifiability import intervals
 
@@ -56,7 +56,7 @@ def decide(
     model no longer explains.
     """
     every = history.levels
-    adequate = is_adequate(data, history.final, left) and not history.final.at_bound()
+    adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
     if adequate and (not history.final.effects or not data.noise.known or is_negligible(data, history.final)):
         return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
     rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
@@ -68,7 +68,7 @@ def decide(
             reason = "less than twice what then remains is explained"
         elif adequate and fit is history.final:
             return "effects-found", fit, ""
-        elif ends := [*fit.at_bound(), *_limits(fit)]:
+        elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
             reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
         elif is_better_without_physics(data, task, every[0], fit):
             reason = "smooth functions, a static curve or a linear system explain as much in the place of effects"
@@ -222,11 +222,9 @@ def _own_ends(fit: FittedModel) -> list[str]:
 def _limits(fit: FittedModel) -> list[str]:
     """Return the parameters of the model itself that end at a limit, without the upper one of the natural frequency.
 
-    There the runs show no mode; at any other limit the structure of the model is wrong, unless the runs do not
-    determine the parameter.
+    There the runs show no mode; at any other limit the structure of the model is wrong.
     """
-    where = fit.solution.problem.where
-    ends = [name for name in _own_ends(fit) if not fit.is_undetermined(where.names.index(name))]
+    where, ends = fit.solution.problem.where, _own_ends(fit)
     if "natural_frequency" in ends:
         j = where.names.index("natural_frequency")
         if 2 * fit.solution.x[j] > where.lower[j] + where.upper[j]:

@@ -111,6 +111,12 @@ PARTS: tuple[Part, ...] = (
     ),
     Part(f"{_EFFECTS}.prior_conflicts", "conflicts", "finds effects in parameters beyond their prior", _empty),
     Part(f"{_SELECTION}.stepwise_selection", "confusable", "fits alternatives in the place of what is named", _empty),
+    Part(
+        f"{_SELECTION}.model_comparison",
+        "relevant_ends",
+        "tolerates irrelevant ends of ranges",
+        lambda t, f: f.at_bound(),
+    ),
     Part(f"{_EFFECTS}.estimation_setup", "choose_interpolation", "asks what commands do between samples", _second),
     Part(f"{_PREPARATION}.initial_conditions", "grid_frequency", "starts from the best natural frequency", _second),
     Part(f"{_PREPARATION}.initial_conditions", "modes", "lets modes ring as a record begins", _empty),

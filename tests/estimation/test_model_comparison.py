@@ -27,6 +27,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     difference,
     is_determined,
     rank,
+    relevant_ends,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import White
@@ -41,6 +42,7 @@ from tests.estimation.sums import (
     candidate,
     column,
     effects,
+    fit_with,
     linear,
     offset,
     recorded,
@@ -374,3 +376,30 @@ def test_a_discrepancy_divides_what_the_runs_say_and_no_prior() -> None:
     prior = (fit.solution.problem.where.values(fit.solution.x)["p"] - own) / 0.1
     assert prior == pytest.approx(5.0, abs=0.5)
     assert fit.bic(7.0) - fit.bic(1.0) == pytest.approx(6 * prior**2, rel=1e-6)
+
+
+# --- ends of ranges ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "rest", "relevant"), [(0.5, 0.0, []), (0.1, 0.0, ["d.more"]), (0.1, 0.5, ["d.more"]), (0.1, 1.2, [])]
+)
+def test_an_end_is_relevant_where_its_number_moves_a_prediction(
+    tolerance: float, rest: float, relevant: list[str]
+) -> None:
+    """A factor e on half a strength of 0.2 to 0.3 moves the prediction by 0.17 to 0.26; the strength may end nowhere.
+
+    That is less than a twentieth, in squares, of what the fit leaves where 1.2 of another column remain.
+    """
+
+    def shape(v: Any, run: Any) -> Array:
+        return np.asarray(v["d"] * (column(run, "d") + v["d.more"] * column(run, "other")))
+
+    more = parameter("d.more", 1.0, 0.5, 5e6, scale="log")
+    added = Candidate("d", lambda m: as_sum(m).plus(shape, strength("d"), more), "d", ("d", "d.more"), ({"d": 0.1},))
+    about = task({"d": 0.3, "rest": rest}, tolerance=tolerance)
+    found = fit_with(about, [added])
+    assert found.at_bound() == ["d.more"]
+    assert relevant_ends(about, found) == relevant
+    narrow = dataclasses.replace(added, add=lambda m: as_sum(m).plus(shape, strength("d", 0.1, 0.0, 0.2), more))
+    assert "d" in relevant_ends(about, fit_with(about, [narrow]))

@@ -13,7 +13,7 @@ from flexdesign.core.model import Model, parameter_of
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
-from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of
+from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of, value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -180,14 +180,14 @@ def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     first = accepted[0]
     alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
     close = [t for t in accepted if criterion.explained_share(t.error, first.error, task.noise_rms) < criterion.SHARE]
-    plausible = _plausible(alike) or _plausible(close) or alike
+    plausible = _plausible(task, alike) or _plausible(task, close) or alike
     first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
     return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
 
 
-def _plausible(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the trials without a parameter at the end of its plausible range."""
-    return [trial for trial in trials if not trial.fit.at_bound()]
+def _plausible(task: EstimationTask, trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials without a relevant parameter at the end of its plausible range."""
+    return [trial for trial in trials if not relevant_ends(task, trial.fit)]
 
 
 def is_indistinguishable(a: FittedModel, b: FittedModel) -> bool:
@@ -243,3 +243,29 @@ def without_offset(record: Record, values: Array, weights: Mapping[str, Array]) 
         return np.asarray((values * weight)[record.present])
     present = values[record.present]
     return np.asarray(present - np.mean(present))
+
+
+def relevant_ends(task: EstimationTask, fit: FittedModel) -> list[str]:
+    """Return the parameters of effects that end at a limit of their plausible range, and are relevant there.
+
+    A strength is always relevant. Another parameter is relevant if its value a factor e from the limit changes a
+    prediction: friction without presliding is as plausible as friction with little of it.
+    """
+    strengths = {effect.strength for effect in fit.effects}
+    return [name for name in fit.at_bound() if name in strengths or is_end_relevant(task, fit, name)]
+
+
+def is_end_relevant(task: EstimationTask, fit: FittedModel, name: str) -> bool:
+    """Tell whether the value of a parameter a factor e from its limit changes a prediction by the tolerance or more.
+
+    If the residual exceeds the noise, the change must also be at least `SHARE` of its mean square.
+    """
+    where = fit.solution.problem.where
+    j = where.names.index(name)
+    if where.parameters[j].scale != "log":
+        return True
+    inside = fit.solution.x[j] + (1.0 if math.isclose(fit.solution.x[j], where.lower[j], rel_tol=1e-6) else -1.0)
+    after = fit.model.replace({name: value(where.parameters[j], inside)})
+    scored = task.scored or task.validate.names or task.identify.names
+    unexplained = fit.rms(scored, task.scales) if fit.exceeds_noise else 0.0
+    return largest_difference(task, fit.model, after) >= max(task.tolerance, math.sqrt(criterion.SHARE) * unexplained)
