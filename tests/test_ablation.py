@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
@@ -58,19 +59,18 @@ def test_a_part_comes_back_after_an_error() -> None:
     assert fitted_model.FittedModel.discrepancy is before
 
 
-def test_a_part_acts_where_it_returns_something_else_than_without_it() -> None:
-    def accepted(error: float) -> Any:
-        fit = SimpleNamespace(exceeds_noise=True, bic=lambda _: 0.0, discrepancy=1.0, effects=(), at_bound=lambda: [])
-        return SimpleNamespace(error=error, fit=fit)
-
-    about: Any = SimpleNamespace(validate=SimpleNamespace(records=[None]), noise_rms=0.0)
-    first, better = accepted(2.0), accepted(1.0)
+def test_a_part_acts_where_it_returns_something_else_than_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_comparison, "score_of_columns", lambda *_: 7.0)
+    records = SimpleNamespace(problem=SimpleNamespace(dataset=SimpleNamespace(records=[])))
+    fit: Any = SimpleNamespace(solution=records, model=None)
+    without: Any = SimpleNamespace(trace=None)
+    sinusoid: Any = SimpleNamespace(trace=lambda model, observation: None)
     with watching() as acted:
-        assert model_comparison._choose(about, [first]) is first
+        assert model_comparison._trace(fit, fit, without) == math.inf
     assert acted == set()
     with watching() as acted:
-        assert model_comparison._choose(about, [first, better]) is better
-    assert acted == {"choose"}
+        assert model_comparison._trace(fit, fit, sinusoid) == 7.0
+    assert acted == {"trace"}
 
 
 def test_a_result_that_is_handed_through_is_no_act() -> None:

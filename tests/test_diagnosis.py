@@ -747,6 +747,21 @@ def test_friction_may_be_as_large_as_the_stroke() -> None:
     assert level.plausible == pytest.approx((0.0, model.stroke))
 
 
+def test_a_periodic_effect_shows_by_its_line() -> None:
+    """A phase and an amplitude of each run: a cosine and a sine at the frequency that the model has."""
+    model = AxisDynamics("x", AXIS, 100.0)
+    by_name = {candidate.name: candidate for candidate in candidates(model)}
+    assert {name for name, each in by_name.items() if each.trace} == {"base_motion", "mains_hum"}
+    shaken = by_name["base_motion"]
+    t = 3.0 + 1e-3 * np.arange(500)
+    run = Run("shaken", t, {"u": 0 * t, "x": 0 * t}, {"u": "V", "x": "m"})
+    assert shaken.trace is not None
+    columns = shaken.trace(shaken.add(model).replace({"base_motion.frequency": 37.0}), run)
+    line = 2e-9 * np.sin(2 * math.pi * 37.0 * t + 0.7)
+    assert columns is not None
+    assert columns @ np.linalg.lstsq(columns, line)[0] == pytest.approx(line, abs=1e-15)
+
+
 def test_what_acts_ahead_of_the_stack_is_no_candidate_where_its_voltage_is_known() -> None:
     model = AxisDynamics("x", AXIS, 75.0)
     ahead = {c.name for c in candidates(model)} - {c.name for c in candidates(model, at_stack=True)}

@@ -66,6 +66,8 @@ class Evidence:
     change, own_change, tolerance
         Change of the prediction against the previous model, or the improvement on the validation runs if that is less;
         change against the model without this effect alone; and the tolerance; all rms [response].
+    trace
+        Score of the columns of `Candidate.trace`, such as the line of a sinusoid; infinite without columns.
     at_bound, open
         Strengths at the end of the plausible range; and strengths with intervals that include the null.
     """
@@ -77,6 +79,7 @@ class Evidence:
     change: float
     own_change: float
     tolerance: float
+    trace: float = math.inf
     at_bound: tuple[str, ...] = ()
     open: tuple[str, ...] = ()
 
@@ -90,6 +93,8 @@ class Evidence:
         """The reason why the effect is not added; empty if it is added."""
         if self.gain < self.needed:
             return "no more than chance gives"
+        if self.trace < self.needed:
+            return "shows no line at its frequency"
         if not self.helps:
             return "does not help on the validation runs"
         if self.share < SHARE:

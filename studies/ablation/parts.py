@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -85,6 +86,7 @@ PARTS: tuple[Part, ...] = (
         "of approximations takes the one that predicts better",
         lambda _, accepted: next(iter(accepted), None),
     ),
+    Part(f"{_SELECTION}.model_comparison", "_trace", "asks that a sinusoid shows by its line", lambda *_: math.inf),
     Part(
         "flexdesign.diagnosis.models_without_physics",
         "is_better_smooth",

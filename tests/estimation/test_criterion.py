@@ -31,6 +31,7 @@ def test_effects_are_refused_for_the_first_check_that_fails() -> None:
         ({"change": 0.5e-9}, "moves the prediction by less than the tolerance"),
         ({"share": 0.049}, "explains less than 5 % of what is unexplained"),
         ({"helps": False}, "does not help on the validation runs"),
+        ({"trace": 19.9}, "shows no line at its frequency"),
         ({"gain": 19.9}, "no more than chance gives"),
     ]
     evidence = ENOUGH

@@ -74,6 +74,18 @@ def test_what_does_not_help_on_runs_kept_apart_is_refused() -> None:
     assert reasons(step)["d",] == "does not help on the validation runs"
 
 
+def test_what_does_not_show_by_its_trace_is_refused() -> None:
+    """What a periodic disturbance explains counts only if its line is there, whatever else it does to the model."""
+    about = task({"d": 0.3})
+
+    def asked(trace: str) -> str:
+        shown = candidate("d", trace=lambda _, run: column(run, trace)[:, None])
+        return reasons(forward(about, calibrated_stand(about), effects(d=shown)))["d",]
+
+    assert asked("d") == ""
+    assert asked("another") == "shows no line at its frequency"
+
+
 def test_what_moves_less_than_the_tolerance_is_refused() -> None:
     about = task({"d": 0.3}, tolerance=0.5)
     step = forward(about, calibrated_stand(about), effects())

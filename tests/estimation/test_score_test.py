@@ -22,6 +22,7 @@ from flexdesign.estimation.model_selection.score_test import (
     SIMULATED_LEVEL,
     Candidate,
     Screening,
+    score_of_columns,
 )
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
 from tests.estimation.sums import (
@@ -343,3 +344,20 @@ def test_without_effects_chance_is_that_of_one() -> None:
     assert screening.critical_value(SIMULATED_LEVEL) == pytest.approx(chi2.isf(0.01, 1))
     assert screening.best() == []
     assert screening.pairs() == []
+
+
+def test_the_score_of_columns_is_by_how_much_a_linear_fit_with_them_falls() -> None:
+    """Each record has amounts of its own; a record without columns has none."""
+    noise = ColouredNoise({name: SLOW for name in NAMES})
+    observed = runs(lambda run: column(run, "data") + 0.5 * column(run, "added"))
+    found = solution(base("p", "q"), observed, noise)
+    added: list[Array | None] = [np.column_stack([column(r, "added"), column(r, "more")]) for r in observed]
+    added[1] = None
+    matrix = columns(base("p", "q"), observed, ["p", "q"], noise)
+    more = np.zeros((len(matrix), 4))
+    more[:N, :2] = noise.whiten(observed[0], np.asarray(added[0]))
+    more[2 * N :, 2:] = noise.whiten(observed[2], np.asarray(added[2]))
+    data = data_of(observed, noise)
+    fall = least(matrix, data) - least(np.hstack([matrix, more]), data)
+    assert score_of_columns(found, added) == pytest.approx(fall, rel=1e-6)
+    assert score_of_columns(found, [None] * 3) == 0.0

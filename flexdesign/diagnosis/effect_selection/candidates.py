@@ -6,18 +6,21 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
 
 from flexdesign import effects
-from flexdesign.core.model import Effect, Parameter, Resonance
+from flexdesign.core.arrays import Array
+from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance, parameter_of
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, frequency_scale, of_catalogue
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.measurements.recordings import Run
 
 #: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
 NAMED_BY_CALIBRATION = ("payload_mass", "stiffness_loss", "sensor_gain")
@@ -34,6 +37,14 @@ RATES = {"Hz": 1.0, "V/s": 1.0, "s": -1.0}
 FREQUENCIES_IN_BAND, DELAYS_IN_CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 #: Not more trials than these for one effect.
 MOST_TRIALS = 48
+
+
+def _line(frequency: str, model: Model, observation: Observation) -> Array | None:
+    """Return cosine and sine at a frequency, by its name, n by 2; None for a frequency response, which has no time."""
+    if not isinstance(observation, Run):
+        return None
+    angle = 2 * math.pi * (parameter_of(model, frequency).start or 0.0) * (observation.time - observation.time[0])
+    return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def candidates(
@@ -141,6 +152,7 @@ def candidate_of(
     power = fields.POWER_LAWS.get(name, ("", ()))[0]
     free = tuple(p.name for p in own if not p.per_run and p.name.rpartition(".")[2] != power)
     phase = next((p.name for p in own if p.per_run and p.si == "rad"), "")
+    frequency = next((p.name for p in own if p.si == "Hz"), "")
     if any(isinstance(face, Resonance) for face in effect.faces):
         # Far below the main mode, a lightly damped one imitates what a periodic command makes of any effect.
         lowest = min((value for p in own if p.si == "Hz" for value in p.screen), default=0.0)
@@ -156,6 +168,7 @@ def candidate_of(
         phase=phase,
         signed=strength.plausible[0] < 0,
         has_own_trials=bool(strength.screen),
+        trace=partial(_line, frequency) if phase and frequency else None,
     )
 
 

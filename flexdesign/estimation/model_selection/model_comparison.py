@@ -16,7 +16,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of, value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,8 @@ class Trial:
     fit
         The fit.
     gain
-        Fall of chi^2 of the fitted runs, less what further initial conditions explain by chance.
+        Fall of chi^2 of the fitted runs, less what further initial conditions explain by chance; or the score of the
+        columns of `Candidate.trace`, if that is less.
     share
         Share of the unexplained mean square of the validation runs that it removes.
     error
@@ -104,10 +105,23 @@ def compare(
         change=min(improvement, largest_difference(task, before.model, after.model)),
         own_change=min(largest_difference(task, without_effect(after.model, effect), after.model) for effect in added),
         tolerance=task.tolerance,
+        trace=min((_trace(before, after, effect) for effect in added), default=math.inf),
         at_bound=tuple(effect.strength for effect in added if effect.strength in bounds),
         open=tuple(effect.strength for effect in added if not is_determined(after, effect)),
     )
+    gain = min(gain, evidence.trace)
     return Trial(names, after, gain, share, errors[1], evidence.needed, score, evidence.refusal, evidence.is_small)
+
+
+def _trace(before: FittedModel, after: FittedModel, effect: Candidate) -> float:
+    """Return the score of the columns of `Candidate.trace` in the fit without the effect; infinite without columns.
+
+    A sinusoid too small to be seen may still smooth the law of a friction (dither), as another law of friction does.
+    """
+    if effect.trace is None:
+        return math.inf
+    records = before.solution.problem.dataset.records
+    return score_of_columns(before.solution, [effect.trace(after.model, record.observation) for record in records])
 
 
 def is_determined(fit: FittedModel, effect: Candidate) -> bool:

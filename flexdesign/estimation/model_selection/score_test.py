@@ -19,11 +19,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtrc, chdtri
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Model
+from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
 #: The free parameters imitate an effect if less than this fraction of its squares is independent of them.
@@ -64,6 +65,9 @@ class Candidate:
     after
         For an effect that a model may have several times: the name of the one that must be in the model before; else
         empty.
+    trace
+        Returns the columns that must be significant by themselves, such as a line at the frequency of a sinusoid, n by
+        k [response]; None for an observation that cannot show them. None for effects without such columns.
     """
 
     name: str
@@ -75,6 +79,7 @@ class Candidate:
     signed: bool = False
     has_own_trials: bool = False
     after: str = ""
+    trace: Callable[[Model, Observation], Array | None] | None = None
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -135,6 +140,35 @@ class Direction:
             return 0.0
         more = chdtri(self.columns, SIMULATED_LEVEL) - chdtri(1, SIMULATED_LEVEL)
         return max(self.predicted_gain * self.best_step - float(more), 0.0)
+
+
+def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> float:
+    """Return the score of columns, each with its own coefficient in each record: the predicted fall of chi^2.
+
+    Parameters
+    ----------
+    solution
+        The fit.
+    columns
+        For each record n by k [response]; None for a record without columns.
+    """
+    dataset, projections, grams, gradients = solution.problem.dataset, list[Array](), list[Array](), list[Array]()
+    for record, part, jacobian, residual in zip(
+        dataset.records, columns, solution.jacobian, solution.residuals, strict=True
+    ):
+        if part is None:
+            continue
+        whitened = dataset.whitened_columns(record, part)
+        projection = np.zeros((len(solution.x), whitened.shape[1]))
+        projection[jacobian.places] = jacobian.matrix.T @ whitened
+        projections.append(projection)
+        grams.append(whitened.T @ whitened)
+        gradients.append(whitened.T @ residual)
+    if not grams:
+        return 0.0
+    shared, gradient = np.hstack(projections), np.concatenate(gradients)
+    own = block_diag(*grams) - shared.T @ solution.covariance @ shared
+    return float(gradient @ np.linalg.pinv(own, rcond=INDEPENDENT_SHARE, hermitian=True) @ gradient)
 
 
 class Screening:
