@@ -120,6 +120,7 @@ PARTS: tuple[Part, ...] = (
         lambda t, f: f.at_bound(),
     ),
     Part(f"{_EFFECTS}.estimation_setup", "choose_interpolation", "asks what commands do between samples", _second),
+    Part(f"{_PREPARATION}.initial_conditions", "grid_delay", "starts from the best common delay", _second),
     Part(f"{_PREPARATION}.initial_conditions", "grid_frequency", "starts from the best natural frequency", _second),
     Part(f"{_PREPARATION}.initial_conditions", "modes", "lets modes ring as a record begins", _empty),
     Part(f"{_EFFECTS}.estimation_setup", "find_undetermined", "holds what the runs cannot show", _empty),

@@ -41,7 +41,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 )
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.frequencies import line_frequencies
-from flexdesign.diagnosis.preparation.initial_conditions import grid_frequency
+from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt
@@ -204,7 +204,7 @@ def tasks_of_case(number: int, seed: int) -> Iterator[Task]:
         dynamics, task = case_of(model, data, each, lambda _: None)
         held = find_undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
-        start = grid_frequency(task, dynamics)
+        start = grid_frequency(task, grid_delay(task, dynamics))
         yield Task(f"{case.name}: calibration", _problem_maker(task, start, ()))
         fit = calibrate(task, start)
         if fit is None:

@@ -18,6 +18,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
+    grid_delay,
     grid_frequency,
     initial_conditions,
     modes,
@@ -248,7 +249,7 @@ def calibrate_task(
     task = replace(task, free=tuple(name for name in task.free if name not in held))
     nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
     task.progress("calibrating")
-    fit = calibrate(task, grid_frequency(task, dynamics), nominal)
+    fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
     if fit is not None:  # the ringing of a mode follows from its calibrated frequency and damping
         task = with_calibrated_conditions(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         fit = fit_model(task, fit.model)

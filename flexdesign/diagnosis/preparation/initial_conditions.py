@@ -12,7 +12,7 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Block, Model, Observation, Parameter
-from flexdesign.dynamics.axis.axis_model import REVERSALS, AxisDynamics
+from flexdesign.dynamics.axis.axis_model import REVERSALS, TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.signal_chain.partial_fractions import parts
 from flexdesign.dynamics.stage_dynamics import chain
@@ -24,6 +24,8 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 #: Standard deviations of the priors: of a trigger delay in samples, of a reversal voltage as a share of the largest
 #: command, and of the amplitude of a mode as a share of the stroke.
 TRIGGER_DEVIATION, REVERSAL_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
+#: Largest delay that is tried before the first fit, and the spacing, both in periods of the mode.
+LARGEST_DELAY, DELAY_SPACING = 2.0, 0.125
 #: Largest relative change of the natural frequency that is tried, and the spacing: farther away than the width of the
 #: resonance, derivatives mislead. A payload or a loose part may change the frequency by this much.
 LARGEST_DETUNING, DETUNING_SPACING = 0.24, 0.03
@@ -128,6 +130,25 @@ def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
     """Return the residual of a run if only its offset is fitted, n values [response]; NaN at gaps."""
     residual = run.measured() - replace(dynamics, apart=(), own={}).predict(run)
     return np.asarray(residual - np.nanmean(residual))
+
+
+def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the common trigger delay or lead that fits best on a grid, if that is more than one step.
+
+    If the delay exceeds half a period of the mode, a fit that starts from zero ends in another minimum.
+    """
+    if not math.isinf(task.prior_bound):
+        return dynamics
+
+    def late_by(late: float) -> AxisDynamics:
+        return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
+
+    step = DELAY_SPACING / dynamics.first.natural_frequency
+    farthest = min(LARGEST_DELAY / dynamics.first.natural_frequency, TRIGGERED_WITHIN[1])
+    delays = np.arange(0.0, farthest, step)
+    every = sorted([*delays.tolist(), *(-delays[1:]).tolist()], key=abs)
+    best = min(every, key=lambda late: _cost(task, late_by(late)))
+    return late_by(best) if abs(best) > step else dynamics
 
 
 def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
