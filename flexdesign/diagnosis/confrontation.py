@@ -252,8 +252,9 @@ class Confrontation:
 
     def _screening(self, chosen: tuple[str, ...]) -> tuple[float, list[Entry]]:
         if chosen not in self._screened:
+            origins = () if chosen else self._calibrated_task.origins
             fit = self._kept[chosen].fit
-            score, quick = screen(self.task, fit, self.catalogue)
+            score, quick = screen(self.task, fit, self.catalogue, origins)
             rough = fit_roughly(self.task, fit, quick)
             fitted = {entry.names for entry in rough}
             self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
@@ -281,8 +282,8 @@ class Confrontation:
             score, entries = self._screened[others]
             return score, next((entry for entry in entries if entry.names == (candidate.name,)), None)
         if chosen not in self._entered:
-            fit = self._kept[others].fit
-            score, quick = screen(self.task, fit, [candidate])
+            fit, origins = self._kept[others].fit, () if others else self._calibrated_task.origins
+            score, quick = screen(self.task, fit, [candidate], origins)
             self._entered[chosen] = score, next(iter(fit_roughly(self.task, fit, quick)), None)
         return self._entered[chosen]
 

@@ -217,6 +217,7 @@ def search(
         select,
         candidates=candidates_,
         most=most,
+        expansion_points=calibrated_task.origins,
         vary_step=partial(vary_step, task, candidates=candidates_),
         vary=partial(vary_by_run, task),
         step_forward=step_forward,

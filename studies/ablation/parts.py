@@ -124,6 +124,7 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_PREPARATION}.initial_conditions", "grid_frequency", "starts from the best natural frequency", _second),
     Part(f"{_PREPARATION}.initial_conditions", "modes", "lets modes ring as a record begins", _empty),
     Part(f"{_EFFECTS}.estimation_setup", "find_undetermined", "holds what the runs cannot show", _empty),
+    Part(f"{_EFFECTS}.estimation_setup", "CalibratedTask.origins", "selects from the design as well", _empty),
     Part(f"{_PREPARATION}.dataset", "DiagnosisData.coarse_step", "counts rounding in coarse steps as noise", _none),
     Part(f"{_PREPARATION}.frequencies", "line_frequencies", "tries lines as disturbances", _empty),
     Part("flexdesign.diagnosis.remainder", "_jumps", "counts jumps of the residual", lambda *_: 0),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import parameter_of
+from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
@@ -19,6 +20,7 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.forward_selection import (
     FINAL_FITS,
+    GROSS_MISFIT,
     ROUGH_FITS,
     ROUGH_FITS_BY_SCORE,
     fit_roughly,
@@ -274,6 +276,57 @@ def test_a_pair_competes_only_where_a_single_effect_leaves_more_than_noise() -> 
     both = forward(about, before, every[:2])
     assert both.chosen is not None and {*both.chosen.names} == {"left", "right"}
     assert any(trial.names in (("left",), ("right",)) and trial.fit.exceeds_noise for trial in both.trials)
+
+
+def led_astray() -> tuple[Sum, Candidate, EstimationTask]:
+    """A tone of 5.3 periods, and an effect that looks like that tone less another one of 7 periods.
+
+    A calibration that ended near 7 leaves a residual in which the effect seems to have the wrong sign.
+    """
+
+    def tone(f: float, run: Any) -> Array:
+        return np.asarray(np.sin(2 * math.pi * f * run.t))
+
+    def of_effect(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["e"] * (column(run, "g") - tone(5.3, run) + tone(7.0, run)))
+
+    size, f = parameter("size", 1.0, 0.1, 3.0), parameter("f", 5.0, 4.0, 8.0)
+    model = Sum().plus(lambda v, run: v["size"] * tone(v["f"], run), size, f)
+    effect = Candidate(
+        "e", lambda m: as_sum(m).plus(of_effect, strength("e", 0.0, 0.0, 9.0)), "e", ("e",), ({"e": 0.1},)
+    )
+    truth = as_sum(effect.add(model)).replace({"size": 1.5, "f": 5.3, "e": 0.5})
+    rng = np.random.default_rng(0)
+
+    def dataset(names: Sequence[str]) -> Dataset:
+        blank = [Run(name, np.arange(N) / N, None) for name in names]
+        made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
+        return Dataset(made, White(SIGMA), offset)
+
+    return (
+        model,
+        effect,
+        EstimationTask(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3),
+    )
+
+
+def test_a_fit_from_the_design_finds_what_calibration_hides() -> None:
+    model, effect, about = led_astray()
+    nominal, astray = evaluate_design(about, model), fit_model(about, model.replace({"f": 7.0}))
+    assert nominal is not None and astray is not None
+    assert min(nominal.scale, astray.scale) > GROSS_MISFIT
+    assert forward(about, astray, [effect]).trials == ()
+    step = forward(about, astray, [effect], (nominal,))
+    assert step.chosen is not None and step.chosen.names == ("e",)
+    found = step.chosen.fit
+    values = found.solution.problem.where.values(found.solution.x)
+    assert not found.exceeds_noise
+    assert [values["f"], values["e"]] == pytest.approx([5.3, 0.5], abs=0.03)
+    # Evidence is counted from the fit that is in place, and not from the design.
+    assert step.chosen.gain == pytest.approx(astray.fitted_chi2 - found.fitted_chi2, rel=1e-9)
+    # A selection asks the design at its first step alone.
+    steps, stands = select(about, astray, [effect], 1, expansion_points=(nominal,))
+    assert [s.names for s in stands] == [("e",)] and len(steps) == 1
 
 
 # --- what cannot be told apart --------------------------------------------------------------------------------------

@@ -48,6 +48,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     fit_model,
     solve_case,
 )
+from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT
 from flexdesign.estimation.model_selection.model_comparison import difference
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import Whitening
@@ -217,8 +218,8 @@ class CalibratedTask:
     ----------
     task
         The task, with the free parameters that the runs show, and the initial conditions of the calibrated model.
-    nominal, calibrated
-        The model as designed, and with fitted parameters, unless calibration is refused.
+    nominal, fit, calibrated
+        The model as designed, the fit of its parameters, and the one of both that is kept.
     undetermined
         Parameters of the model that the runs do not show.
     is_refused
@@ -227,9 +228,15 @@ class CalibratedTask:
 
     task: EstimationTask
     nominal: FittedModel
+    fit: FittedModel
     calibrated: FittedModel
     undetermined: tuple[str, ...]
     is_refused: bool
+
+    @property
+    def origins(self) -> tuple[FittedModel, ...]:
+        """Further fits from which effects are added: at a gross misfit, calibration may have imitated an effect."""
+        return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
 
 
 def calibrate_task(
@@ -262,11 +269,11 @@ def calibrate_task(
         and data.error(fit) > WORSE * data.error(nominal)
         and increase > INDISTINGUISHABLE * fit.discrepancy
     )
-    if is_refused:
+    if is_refused or fit.scale > GROSS_MISFIT:
         nominal = evaluate_design(with_calibrated_conditions(task, dynamics, data.rounded(nominal)), nominal.model)
     calibrated = nominal if is_refused else fit
     task = replace(task, calibrated_excess=calibrated.excess)
-    return CalibratedTask(task, nominal, calibrated, held, is_refused)
+    return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
 
 
 def evaluate_design(task: EstimationTask, model: Model, effects: tuple[Candidate, ...] = ()) -> FittedModel:

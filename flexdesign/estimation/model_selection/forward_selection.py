@@ -37,7 +37,7 @@ GROSS_MISFIT = 30.0
 class _Start:
     """Where a fit with further effects starts: at a fit without them, in the directions of one or two trials."""
 
-    fit: FittedModel
+    origin: FittedModel
     directions: tuple[Direction, ...]
 
     @property
@@ -51,7 +51,7 @@ class _Start:
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
-        return (*self.fit.effects, *(direction.candidate for direction in self.directions))
+        return (*self.origin.effects, *(direction.candidate for direction in self.directions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +67,20 @@ class Entry:
         return self.start.names
 
 
-def screen(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate]) -> tuple[float, list[Entry]]:
+def screen(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+) -> tuple[float, list[Entry]]:
     """Return the critical value of the largest score, and quick fits of candidates with a sufficient score, best first.
 
     Parameters are those of `forward`.
     """
     left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
     task.progress("screening the catalogue" if not fit.effects else f"screening with {', '.join(fit.names)}")
-    screening = Screening(fit.solution, left, task.coarse)
-    score = screening.critical_value(LEVEL)
-    starts = _starts(fit, screening, PROMISING_SHARE * max(score, SHARE * fit.excess))
+    score, starts = 0.0, list[_Start]()
+    for origin in (fit, *origins):
+        screening = Screening(origin.solution, left, task.coarse)
+        score = score or screening.critical_value(LEVEL)
+        starts += _starts(origin, screening, PROMISING_SHARE * max(score, SHARE * origin.excess))
 
     def quickly(start: _Start) -> Entry | None:
         task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
@@ -102,12 +106,17 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         return None if found is None else replace(entry, solution=found)
 
     best = entries[:ROUGH_FITS]
-    others = [entry for entry in entries[ROUGH_FITS:] if len(entry.names) == 1]
+    others = [e for e in entries[ROUGH_FITS:] if e.start.origin is fit and len(e.names) == 1]
     others.sort(key=lambda e: -e.start.predicted_reduction)
     return _best_by_names(task.each(roughly, [*best, *others[:ROUGH_FITS_BY_SCORE]]))
 
 
-def forward(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate]) -> Step:
+def forward(
+    task: EstimationTask,
+    fit: FittedModel,
+    candidates: Sequence[Candidate],
+    expansion_points: Sequence[FittedModel] = (),
+) -> Step:
     """Return the forward step: its trials, and the best addition or none.
 
     Parameters
@@ -116,8 +125,10 @@ def forward(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candida
         The runs, and the present fit.
     candidates
         The catalogue.
+    expansion_points
+        Further fits from which additions are tried, such as the design if calibration led astray.
     """
-    score, entries = screen(task, fit, candidates)
+    score, entries = screen(task, fit, candidates, expansion_points)
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
@@ -132,19 +143,19 @@ def forward(task: EstimationTask, fit: FittedModel, candidates: Sequence[Candida
     return Step(best_of(task, trials), tuple(rank(trials)))
 
 
-def _starts(fit: FittedModel, screening: Screening, enough: float) -> list[_Start]:
+def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
     """Return starting points: the best trials of each candidate, and pairs with a larger score than single ones."""
     best = screening.best()
 
     found = [
-        _Start(fit, (each,))
+        _Start(origin, (each,))
         for directions in best
         for each in directions[:STARTS_PER_CANDIDATE]
         if each.predicted_reduction > enough
     ]
     most = best[0][0].predicted_reduction if best else 0.0
     pairs = [(a, b) for predicted_gain, a, b in screening.pairs(MOST_PAIRS) if predicted_gain > most + enough]
-    return found + [_Start(fit, pair) for pair in pairs]
+    return found + [_Start(origin, pair) for pair in pairs]
 
 
 def _compete(
@@ -178,9 +189,9 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
     A limit moves the prediction so far that the Jacobian without it misleads, as does one at a gross misfit: it is
     then computed at the start. At a gross misfit the initial states of runs mislead as well, and are held.
     """
-    fit, model, values = start.fit, start.fit.model, dict[str, float]()
-    old = dict(fit.solution.columns())
-    ends = np.cumsum([record.rows for record in fit.solution.problem.dataset.records])[:-1]
+    origin, model, values = start.origin, start.origin.model, dict[str, float]()
+    old = dict(origin.solution.columns())
+    ends = np.cumsum([record.rows for record in origin.solution.problem.dataset.records])[:-1]
     for direction in start.directions:
         model = direction.candidate.add(model)
         values |= direction.start
@@ -189,7 +200,7 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
             old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
-    is_gross = fit.scale > GROSS_MISFIT
+    is_gross = origin.scale > GROSS_MISFIT
     is_misleading = is_gross or any(direction.candidate.has_own_trials for direction in start.directions)
     model, effort = task.coarse(model.replace(begun)), replace(QUICK, holds_initial_states=is_gross)
     found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=effort)

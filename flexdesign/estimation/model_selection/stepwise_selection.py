@@ -52,9 +52,10 @@ def select(
     most: int,
     *,
     confirmed: tuple[Sequence[Step], Sequence[FittedModel]] = ((), ()),
+    expansion_points: Sequence[FittedModel] = (),
     vary_step: Callable[[FittedModel, Step], Step] = lambda _, step: step,
     vary: Callable[[FittedModel], FittedModel] = lambda fit: fit,
-    step_forward: Callable[[EstimationTask, FittedModel, Sequence[Candidate]], Step] = forward,
+    step_forward: Callable[[EstimationTask, FittedModel, Sequence[Candidate], Sequence[FittedModel]], Step] = forward,
 ) -> tuple[list[Step], list[FittedModel]]:
     """Return the steps of a selection, and the fits with the effects that stay, each with further ones.
 
@@ -68,6 +69,8 @@ def select(
         Largest number of effects.
     confirmed
         Steps that were taken before, and the fits after them.
+    expansion_points
+        See `forward`; used at the first step.
     vary_step, vary
         Return a step from a fit, and a fit, with strengths that differ from run to run if the runs call for that.
         `vary` is called when nothing more can be added, because a missing effect may look like a different strength of
@@ -79,7 +82,7 @@ def select(
     while True:
         fit, made = fits[-1] if fits else fit, None
         if len(fit.effects) < most:
-            steps.append(vary_step(fit, step_forward(task, fit, candidates)))
+            steps.append(vary_step(fit, step_forward(task, fit, candidates, () if fits else expansion_points)))
             made = _with_step(task, fit, steps[-1])
             if made is None:
                 steps[-1] = replace(steps[-1], chosen=None)
