@@ -29,7 +29,6 @@ from flexdesign.design import study as studies
 from flexdesign.design.design import Design
 from flexdesign.fem import stage_condensation
 from flexdesign.workflows.stage_targets import Row, StageTargets, Target, read_targets
-from flexdesign.workflows.sweeps.evaluators import version
 
 Progress = Callable[[str], None]
 #: Elements by key, as they solve a design.
@@ -143,7 +142,7 @@ def _search(problem: StageTargets, solver: Solver, progress: Progress) -> StageS
     for number in range(1, checked.iterations + 1):
         progress(f"solution {number}: fitting {len(logs)} dimensions to {len(targets)} targets by formulas")
         logs = _fit_rounded(problem, logs, targets, ratio)
-        design = _round_dimensions(problem, logs)
+        design = problem.at(logs)
         computed = dict(solver(design))
         ratios.append(problem.ratio(design, computed))
         changes = [abs(ratios[-1][key] / ratio.get(key, 1.0) - 1) / tolerances[key] for key in tolerances]
@@ -169,7 +168,7 @@ def _search(problem: StageTargets, solver: Solver, progress: Progress) -> StageS
 def _fit_rounded(
     problem: StageTargets, logs: NDArray[np.float64], targets: Sequence[Target], ratio: Mapping[str, float]
 ) -> NDArray[np.float64]:
-    """Return the free dimensions that meet the targets best, in whole micrometres.
+    """Return the free dimensions that meet the targets best, in whole micrometres, as a drawing has them.
 
     The smaller half is rounded first, and the others fitted again, until all are rounded: a micrometre of a hinge
     changes its stiffness by a percent.
@@ -189,13 +188,6 @@ def _fit_rounded(
         smaller, rest = np.array_split(rest, 2)
         logs[smaller] = np.log(np.round(start[smaller] * np.exp(logs[smaller]), 6) / start[smaller])
     return logs
-
-
-def _round_dimensions(problem: StageTargets, logs: NDArray[np.float64]) -> Design:
-    """Return the design with its free dimensions in whole micrometres, as a drawing has them."""
-    design, names = problem.at(logs), problem.checked.free
-    rounded = {name: round(design.dimensions[name], 6) for name in names}
-    return version(problem.study.design.file, problem.start, rounded)
 
 
 def _elements(study: studies.Study, cache: Cache, progress: Progress) -> Solver:
