@@ -141,10 +141,19 @@ def ratios(page: Any) -> list[float]:
 
 
 def start(page: Any, name: str) -> None:
-    """Start a job once nothing else is being done and the table above, which moves the button as it comes, is there."""
+    """Start a job once nothing else is being done; click again if the page moved the button under the pointer."""
     page.get_by_role("button", name="Cancel").wait_for(state="hidden")
     page.get_by_text("output free").first.wait_for()
-    page.get_by_role("button", name=name, exact=True).click()
+    refused = page.locator("[role=alert]:visible").filter(has_text=re.compile("."))
+    taken = page.get_by_role("button", name="Cancel").or_(refused).first
+    for _ in range(5):
+        page.get_by_role("button", name=name, exact=True).click()
+        try:
+            taken.wait_for(timeout=10_000)
+        except playwright.TimeoutError:
+            continue
+        return
+    raise AssertionError(f"{name} began nothing: {page.locator('body').inner_text()}")
 
 
 def move(page: Any, name: str) -> None:
