@@ -207,6 +207,12 @@ def test_answer_warnings_and_card_come_before_the_rest() -> None:
         assert at == sorted(at)
 
 
+def test_a_table_without_rows_is_said_to_be_empty() -> None:
+    document = Document("title", [], [Section("Wrong verdicts", tables=[Table(["case", "effect"], [])])])
+    assert "None." in render.to_markdown(document) and "| case |" not in render.to_markdown(document)
+    assert "<p>None.</p>" in render.to_html(document) and "<table" not in render.to_html(document)
+
+
 def test_a_study_says_how_it_is_run() -> None:
     assert origin.command(["/x/studies/lin2019_gains/__main__.py"]) == "python -m studies.lin2019_gains"
     assert origin.command(["/x/flexdesign/__main__.py", "size", "a"]) == "flexdesign size a"
