@@ -131,6 +131,23 @@ def test_a_pair_that_shows_only_together_is_found() -> None:
     assert [values["a"], values["b"]] == pytest.approx([0.15, 0.15], abs=0.06)  # sigma of each is 0.015
 
 
+def test_of_similar_effects_the_better_one_is_taken_next_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pairs are proposed by their score: here only one with an effect that resembles the right one."""
+    proposed = Screening.pairs
+
+    def with_the_similar_one(screening: Screening, most: int) -> list[Any]:
+        found = proposed(screening, 100)
+        return [pair for pair in found if {pair[1].candidate.name, pair[2].candidate.name} == {"d", "e"}]
+
+    monkeypatch.setattr(Screening, "pairs", with_the_similar_one)
+    about = task({"b": 0.5, "e": -0.5})
+    similar = candidate("d", {"b": 1.0, "d": 0.3}, signed=True)
+    step = forward(about, calibrated_stand(about), effects(d=similar))
+    assert step.chosen is not None and set(step.chosen.names) == {"b", "e"}
+    tried = {frozenset(trial.names): trial.fit.cost for trial in step.trials}
+    assert tried[frozenset("be")] < tried[frozenset("de")]
+
+
 def test_nothing_is_found_in_noise() -> None:
     """One screening in a thousand may name something by chance, so that of 25 cases none should."""
     for seed in range(25):

@@ -7,6 +7,7 @@ roughly; the finalists are fitted to convergence and compared, see `flexdesign.e
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,13 @@ from flexdesign.estimation.criterion import LEVEL, SHARE, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.multistart import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, escape, fit_model, solve_case
+from flexdesign.estimation.model_selection.fitted_model import (
+    FittedModel,
+    escape,
+    fit_model,
+    solve_case,
+    with_other_effects,
+)
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
@@ -140,6 +147,7 @@ def forward(
         first = rank(trials)[:FINAL_FITS]
         trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
         trials += _trials(task, fit, pairs, score)
+        trials += _replaced(task, fit, best_of(task, trials), trials, score)
     return Step(best_of(task, trials), tuple(rank(trials)))
 
 
@@ -222,6 +230,31 @@ def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
     model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
     made = fit_model(task, model, entry.start.effects, old=solution.columns())
     return None if made is None else compare(task, fit, made, entry.start.names, score)
+
+
+def _replaced(
+    task: EstimationTask, fit: FittedModel, best: Trial | None, trials: Sequence[Trial], score: float
+) -> list[Trial]:
+    """Return the best pair with other finalists in the place of one that explains alone, too (Miller 2002).
+
+    Only few pairs are fitted. Where an effect hides another, the score of a pair does not show which of several similar
+    effects, such as the bandwidths of a driver and a sensor, the hidden one has next to it.
+    """
+    singles = {trial.names[0]: trial for trial in trials if len(trial.names) == 1}
+    if best is None or len(best.names) == 1:
+        return []
+    found = list[Trial]()
+    for own, other in itertools.product(best.names, singles):
+        if own not in singles or other in best.names:
+            continue
+        (candidate,) = (effect for effect in singles[other].fit.effects if effect.name == other)
+        effects = tuple(candidate if effect.name == own else effect for effect in best.fit.effects)
+        task.progress(f"fitting with {other} in the place of {own}")
+        made = fit_model(task, with_other_effects(task, best.fit, effects, singles[other].fit.model), effects)
+        if made is not None:
+            names = tuple(other if name == own else name for name in best.names)
+            found.append(_escape(task, fit, compare(task, fit, made, names, score)))
+    return found
 
 
 def _escape(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
