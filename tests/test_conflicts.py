@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Parameter
+from flexdesign.diagnosis.effect_selection import prior_conflicts
 from flexdesign.diagnosis.effect_selection.prior_conflicts import (
     LARGE,
     Conflict,
@@ -282,3 +283,46 @@ def test_a_gain_that_an_added_effect_makes_up_for_is_no_conflict(
         known={"gain": (1e-6, 0.1e-6)}, axis=design, is_loaded=False, is_at_stack=False, coarse_step=None
     )
     assert tuple(group for each in conflicts(about, fit) for group in each.group) == found
+
+
+@pytest.mark.parametrize(
+    ("gain", "error", "is_done", "is_named"),
+    [(0.66e-6, 0.03e-6, False, True), (0.95e-6, 0.5e-6, False, False), (0.95e-6, 0.5e-6, True, True)],
+)
+def test_a_gain_that_is_within_its_prior_with_another_effect_is_not_named(
+    gain: float, error: float, is_done: bool, is_named: bool
+) -> None:
+    """A third of the gain is missing, unless friction is in the model: 5 % less, which it does not determine."""
+    design = AxisModel(30.0, 0.02, 1e-6)
+
+    def fit(gain: float, error: float, *names: str) -> Any:
+        (own,) = (parameter("gain", gain, 0.01 * gain, 100 * gain),)
+        where = SimpleNamespace(names=["gain"], parameters=[own], known={}, values=lambda _: {"gain": gain})
+        solution = SimpleNamespace(problem=SimpleNamespace(where=where), x=np.array([gain]), covariance=np.eye(1))
+        model = AxisDynamics("x", dataclasses.replace(design, gain=gain))
+        return SimpleNamespace(model=model, solution=solution, names=names, effects=(), half_width=lambda j: error)
+
+    about: Any = SimpleNamespace(
+        known={"gain": (1e-6, 0.01e-6)},
+        axis=design,
+        is_loaded=False,
+        is_at_stack=False,
+        coarse_step=None,
+        error=lambda _: 1.0,
+        known_noise_rms=1.0,  # so that any change explains much
+    )
+    alone, nothing = fit(0.66e-6, 0.03e-6), SimpleNamespace(free=("gain",))
+    found = conflicts(about, alone)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prior_conflicts, "explains", lambda *_: True)
+        beyond, implied = shown(
+            about,
+            nothing,
+            alone,
+            found,
+            is_done=is_done,
+            others=[fit(gain, error, "coulomb_friction")],  # type: ignore[arg-type]
+        )
+    assert len(beyond) == 1
+    assert [each.named.name for each in implied if each.named] == ["sensor_gain"] * is_named
+    assert beyond[0].words.endswith("but not with coulomb friction") is not is_named

@@ -257,7 +257,18 @@ def si_of(unit: str, allowed: Sequence[str] = ANY) -> str:
     remedy = f"expected a unit like {' or '.join(allowed)}"
     if tuple(allowed) == ("V",):
         remedy += "; a command that is no voltage, as a current or a force, is written in V, one for one"
+    elif any(_measures(unit, f"{si}/{time}") for si in ("m", "rad") if si in allowed for time in ("s", "s^2")):
+        remedy += "; a response is a position: integrate a velocity once, an acceleration twice"
     raise ValueError(f"{first}; {remedy}")
+
+
+def _measures(unit: str, si: str) -> bool:
+    """Tell whether values in `unit` convert to an SI unit."""
+    try:
+        units.factor(unit, si)
+    except ValueError:
+        return False
+    return True
 
 
 def in_si(values: Array, unit: str, si: str) -> Array:

@@ -139,7 +139,9 @@ def _conclude(
         refusal = refusal or "the 95 % interval of its strength holds its null"
     groups = confusable(task, named, history.steps)
     is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, smooth_model)
-    reported_conflicts, implied_effects = shown(data, task, named, conflicts(data, named), is_done=is_done)
+    reported_conflicts, implied_effects = shown(
+        data, task, named, conflicts(data, named), is_done=is_done, others=history.refused_beyond(named)
+    )
     task.progress("predicting the test runs")
     scored = [run for run in data.runs if run.name in data.scored]
     error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *history.levels_to(named))]

@@ -13,6 +13,7 @@ from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.comparison import Comparison, RunComparison, join_halves, where
 from flexdesign.dynamics.axis.axis_run import measured_stroke
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.criterion import SHARE
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
@@ -221,6 +222,11 @@ class SelectionHistory:
         """Return the fits from the calibrated one to `named`, whose effects are named."""
         place = next(i for i, fit in enumerate(self.levels) if {*named.names} <= {*fit.names})
         return (*self.levels[:place], named)
+
+    def refused_beyond(self, named: FittedModel) -> tuple[FittedModel, ...]:
+        """Return the fits with further effects than `named` that explain a share with evidence but are not named."""
+        trials = [trial for step in self.steps for trial in step.trials if {*named.names} < {*trial.fit.names}]
+        return tuple(trial.fit for trial in trials if trial.gain >= trial.critical_gain and trial.share >= SHARE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -137,4 +137,5 @@ EFFECT = Effect(
     ),
     is_hysteresis=True,
     confused_with=("bouc_wen", "electrostriction", "prandtl_ishlinskii"),
+    actuators=(PIEZO, "other"),
 )

@@ -38,7 +38,6 @@ EFFECT = Effect(
     remedy="the square in the feedforward, or feedback from a position sensor",
     remedies={
         PIEZO: "the square in the feedforward, a charge amplifier, or feedback from a position sensor",
-        "voice coil": "a coil that stays within the even part of its field, the square in the feedforward, or feedback",
     },
     reference=(
         "D. Damjanovic, Ferroelectric, dielectric and piezoelectric properties of ferroelectric thin films and "
@@ -49,4 +48,5 @@ EFFECT = Effect(
     ),
     faces=(Block(Socket.HYSTERESIS, constants=constants, move=move, transfer=transfer, settled=settled),),
     confused_with=("stroke_dependent_amplification", "quadratic_stiffness"),
+    actuators=(PIEZO, "other"),
 )

@@ -33,4 +33,5 @@ EFFECT = Effect(
     faces=(Disturbance(reading, columns=(OTHER,)),),
     confused_with=("cross_coupling", "abbe_error", "sensor_misalignment"),
     is_linear=True,
+    actuators=(PIEZO, "other"),
 )

@@ -11,7 +11,9 @@ import pytest
 from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import ACTUATORS, PIEZO
+from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel
 
 #: Words that mean nothing to who has a motor, a coil or a circuit.
@@ -62,3 +64,13 @@ def test_the_class_of_an_actuator_is_read_and_written(tmp_path: Path) -> None:
     path.write_text(text + '[axis.x.actuator]\nkind = "stepper"\n')
     with pytest.raises(InputError, match=r'axis\.x\.actuator\.kind = stepper: expected "piezo stack" or "voice coil"'):
         stage_model.read(path)
+
+
+@pytest.mark.parametrize("kind", ["", *ACTUATORS])
+def test_no_effect_of_a_piezo_stack_is_tried_on_another_actuator(kind: str) -> None:
+    """The extension of a motor has no part that grows with the square of a field."""
+    model = AxisDynamics("x", replace(AXIS, actuator=ActuatorData(40e-6, kind=kind)))
+    tried = {candidate.name for candidate in candidates(model)}
+    of_stacks = {"electrostriction", "asymmetric_hysteresis", "pair_mismatch"}
+    assert tried & of_stacks == (set() if kind in {"motor", "voice coil"} else of_stacks)
+    assert {"coulomb_friction", "bouc_wen", "second_mode"} <= tried

@@ -22,7 +22,7 @@ Values = Mapping[str, float]
 Floats = NDArray[np.float64]
 #: Among the recorded columns that a `Disturbance` may need: the response of another axis of the stage.
 OTHER = "another axis"
-#: Classes of actuators, by which remedies differ; those of a design are stacks.
+#: Classes of actuators, by which effects and remedies differ; those of a design are stacks.
 PIEZO = "piezo stack"
 ACTUATORS = (PIEZO, "voice coil", "motor", "other")
 
@@ -306,6 +306,8 @@ class Effect:
         loop, however slow. A stage model of a stack without such an effect is said to assume none.
     is_linear
         Whether it leaves the response to the command linear: twice the command gives twice the response.
+    actuators
+        Classes of actuators that can have it.
 
     Raises
     ------
@@ -326,10 +328,15 @@ class Effect:
     remedies: Mapping[str, str] = field(default_factory=dict, hash=False)
     is_hysteresis: bool = False
     is_linear: bool = False
+    actuators: tuple[str, ...] = ACTUATORS
 
     def __post_init__(self) -> None:
         if unknown := [actuator for actuator in self.remedies if actuator not in ACTUATORS]:
             raise ValueError(f"has a remedy for {unknown[0]!r}; known actuators: {', '.join(ACTUATORS)}")
+
+    def can_be_of(self, actuator: str) -> bool:
+        """Tell whether an axis can have it that is driven by a class of actuator; empty if that is not known."""
+        return not actuator or actuator in self.actuators
 
     def remedy_for(self, actuator: str = "") -> str:
         """Return what one can do about it with a class of actuator; without one the neutral answer."""

@@ -91,6 +91,8 @@ def candidates(
         effect = effects.find(name)
         if name in left_out or name in model.axis.effects or (at_stack and acts_before_stack(effect)):
             continue
+        if not effect.can_be_of(model.axis.driven_by):
+            continue
         # Elsewhere than behind the stack no recording distinguishes it from a delay of the command.
         if name == "sensor_delay" and not at_stack:
             continue

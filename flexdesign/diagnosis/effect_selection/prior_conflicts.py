@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from flexdesign import effects
+from flexdesign.core.errors import join_names
 from flexdesign.core.model import Parameter, parameter_of
 from flexdesign.diagnosis.effect_selection.candidates import SHOWN_BY_MASS
 from flexdesign.diagnosis.preparation import quantisation_noise
@@ -135,23 +136,42 @@ def _structural(ratio: float) -> str:
 
 
 def shown(
-    data: DiagnosisData, task: EstimationTask, fit: FittedModel, found: Sequence[Conflict], *, is_done: bool
+    data: DiagnosisData,
+    task: EstimationTask,
+    fit: FittedModel,
+    found: Sequence[Conflict],
+    *,
+    is_done: bool,
+    others: Sequence[FittedModel] = (),
 ) -> tuple[tuple[Conflict, ...], list[Conflict]]:
     """Return which conflicts are reported, and which of these imply an effect.
 
     If the residual exceeds the noise, a conflict must explain much to imply an effect or shifted columns. A conflict of
-    an effect that is not implied is reported all the same. Nor is a lower frequency then an effect of a mode that
-    is overdamped besides: it imitates something else, such as a lag.
+    an effect that is not implied is reported all the same. Two conflicts imply no effect, as they may imitate something
+    else: a lower frequency of a mode that is overdamped besides, as with a lag; and a change that is absent from one of
+    the other fits, which explain more with an effect that is not named.
     """
     beyond, implied = list[Conflict](), list[Conflict]()
     is_overdamped = any(conflict.is_overdamped for conflict in found)
     for conflict in found:
         is_claim = conflict.named is not None or conflict.number == TRIGGER
         is_possible = not (is_overdamped and conflict.number == "natural_frequency")
+        if not is_done and (instead := _absent_with(data, fit, conflict, others)):
+            is_possible, conflict = False, replace(conflict, words=f"{conflict.words}, but not with {instead}")
         is_shown = not is_claim or is_done or (is_possible and explains(data, task, fit, conflict))
         beyond += [conflict] if is_shown or conflict.named is not None else []
         implied += [conflict] if is_shown and conflict.named is not None else []
     return tuple(beyond), implied
+
+
+def _absent_with(data: DiagnosisData, fit: FittedModel, conflict: Conflict, others: Sequence[FittedModel]) -> str:
+    """Return the effects with which a parameter is not beyond its prior, in words; empty if it always is."""
+    if conflict.named is None or not conflict.number:
+        return ""
+    for other in others:
+        if not any(each.number == conflict.number and each.named for each in conflicts(data, other)):
+            return join_names([name.replace("_", " ") for name in other.names if name not in fit.names])
+    return ""
 
 
 def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.errors import join_names
+from flexdesign.core.model import ACTUATORS
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.experiment_design import Resolved
@@ -134,7 +135,18 @@ def effect(diagnosis: Diagnosis, named: IdentifiedEffect) -> str:
         it = f"Together with {join_names([effect_name(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             sentences += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
-    return f"{sentences}. What to do about it: {remedy(diagnosis, named.name)}."
+    return f"{sentences}. What to do about it: {remedy(diagnosis, named.name)}.{_whose(diagnosis, named.name)}"
+
+
+def _whose(diagnosis: Diagnosis, name: str) -> str:
+    """Return which actuators have an effect, where the model does not say what drives the axis; else nothing."""
+    its = effects.find(name).actuators
+    if its == ACTUATORS or diagnosis.before.axes[diagnosis.axis].driven_by:
+        return ""
+    return (
+        f" A {its[0]} has it: if another actuator drives the axis, write its kind in [axis.{diagnosis.axis}.actuator] "
+        "and diagnose again."
+    )
 
 
 def _range_over_runs(named: IdentifiedEffect) -> str:
