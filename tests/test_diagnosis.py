@@ -298,6 +298,15 @@ def test_what_remains_beside_a_named_effect_is_stated() -> None:
     assert judged(about, first, fit(about, added=[creep(about)])).remainder_rms == 0.0
 
 
+@pytest.mark.parametrize(("kept", "is_said"), [(3.9, False), (5.0, True)])
+def test_a_residual_twice_the_noise_that_counts_as_noise_is_explained(kept: float, is_said: bool) -> None:
+    """The noise is known from two values alone; in squares twice the noise is four."""
+    about = data(dof=1.0)
+    found = judged(about, fit(about, MUCH, MUCH), fit(about, kept, kept, [creep(about)]))
+    assert (found.verdict, found.remainder_rms) == ("effects-found", 0.0)
+    assert (" 2.2 times the noise. It counts as noise" in diagnosis_text.verdict(found)) is is_said
+
+
 def test_what_explains_all_but_with_numbers_at_their_ends_is_stated() -> None:
     """Then nothing is named, and the remainder is that of the calibrated model."""
     about = data()
@@ -557,14 +566,44 @@ def test_other_moves_name_nothing(moved: dict[str, float], is_said: bool) -> Non
 def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
     times: float, is_end_relevant: bool, verdict: str
 ) -> None:
-    """A tenth of the design's gain, the least that is plausible, leaves the motion to the effect."""
-    about = data()
+    """A tenth of the design's gain, the least that is plausible, leaves the motion to the effect.
+
+    The design says nothing about its uncertainty.
+    """
+    about = replace(data(), known={})
     moved = {"gain": 0.1 * times * about.axis.gain}
     course = course_of(fit(about, MUCH, MUCH), fit(about, 0.1 * MUCH, 0.1 * MUCH, [creep(about)], moved))
     found = concluded(about, course, is_end_relevant=is_end_relevant)
     assert found.verdict == verdict
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
     assert found.refusal == ("gain is at the end of what is plausible" if verdict == "unknown" else "")
+
+
+@pytest.mark.parametrize(
+    ("name", "calibrated", "final", "verdict"),
+    [
+        ("gain", 1.0, 0.4, "unknown"),
+        ("gain", 1.0, 0.6, "effects-found"),
+        ("gain", 0.45, 0.4, "effects-found"),  # a wrong unit, rather than the effect
+        ("natural_frequency", 1.0, 2.1, "unknown"),
+        ("natural_frequency", 1.0, 1.9, "effects-found"),
+        ("natural_frequency", 2.05, 2.1, "effects-found"),
+    ],
+)
+def test_an_effect_is_not_named_that_moves_the_model_far_from_its_design(
+    name: str, calibrated: float, final: float, verdict: str
+) -> None:
+    """Beyond a factor of two, where calibration alone needs none: friction as hysteresis with twice the frequency."""
+    about = data()
+    of_design = about.axis.numbers[name]
+    course = course_of(
+        fit(about, MUCH, MUCH, moved={name: calibrated * of_design}),
+        fit(about, 0.1 * MUCH, 0.1 * MUCH, [creep(about)], {name: final * of_design}),
+    )
+    found = concluded(about, course)
+    assert found.verdict == verdict
+    assert ("creep" in found.possible_effects) is (verdict == "unknown")
+    assert ("more than twice" in found.refusal) is (verdict == "unknown")
 
 
 def test_an_interval_of_all_that_is_plausible_is_none() -> None:

@@ -316,6 +316,8 @@ def test_responses_of_matlab_in_angular_frequency_and_in_decibels(
     from scipy.io import savemat
 
     savemat(tmp_path / "sweep.mat", {"G": H, "w": 2 * np.pi * F})
+    ended = command_line("import", str(tmp_path / "sweep.mat"))
+    assert f"then flexdesign import {tmp_path / 'sweep.mat'} --map map.toml" in ended.stderr
     ended = command_line("import", "sweep.mat")
     assert ended.code == 2 and 'does not say the unit of "G", the response per volt (um/V?)' in ended.stderr
     (tmp_path / "map.toml").write_text(ended.stdout.replace('unit = "?"', 'unit = "um/V"'))

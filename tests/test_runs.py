@@ -128,6 +128,12 @@ def test_lines_are_counted_as_an_editor_counts_them(tmp_path: Path) -> None:
             "line 1, header cell 3 = x [umm]: unknown unit 'umm'; expected a unit like m",
         ),
         ("t [s],u [V],x [N]", "0.005,5,10", "line 1, header cell 3 = x [N]: 'N' is wrong here"),
+        (
+            "t [s],u [V],x [m/s^2]",
+            "0.005,5,10",
+            "line 1, header cell 3 = x [m/s^2]: 'm/s^2' is wrong here: it is not a unit of length; expected a unit "
+            "like m or V or rad; a response is a position: integrate a velocity once, an acceleration twice",
+        ),
         ("t [V],u [V],x [um]", "0.005,5,10", "line 1, header cell 1 = t [V]: 'V' is wrong here"),
         (
             "t [s],u [A],x [um]",

@@ -12,7 +12,7 @@ from flexdesign.core.arrays import Array
 from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
-from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
+from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict, displaced
 from flexdesign.diagnosis.models_without_physics import is_better_without_physics
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.remainder import (
@@ -52,8 +52,8 @@ def decide(
 
     If the model is not adequate, effects may approximate something else. They are then refused in two cases. A linear
     system, a static curve, or the smooth functions that describe the remainder, explain more in their place. Or a
-    parameter of the model itself, such as the gain, ends at a limit: the effect then stands for the motion that the
-    model no longer explains.
+    parameter of the model itself, such as the gain, ends at a limit, or is moved far beyond its prior by the effects:
+    they then stand for the motion that the model no longer explains.
     """
     every = history.levels
     adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
@@ -70,6 +70,8 @@ def decide(
             return "effects-found", fit, ""
         elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
             reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
+        elif moved := displaced(data, task, every[0], fit):
+            reason = f"with them the {_in_words(moved)} is more than twice or less than half what the model says"
         elif is_better_without_physics(data, task, every[0], fit):
             reason = "smooth functions, a static curve or a linear system explain as much in the place of effects"
         else:

@@ -31,6 +31,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
+from flexdesign.estimation.model_selection.model_comparison import is_relevant
 
 #: A run determines its trigger delay if the fit reduces the standard deviation of the prior by this factor.
 SHOWN_DEVIATION = 0.5
@@ -162,6 +163,23 @@ def shown(
         beyond += [conflict] if is_shown or conflict.named is not None else []
         implied += [conflict] if is_shown and conflict.named is not None else []
     return tuple(beyond), implied
+
+
+def displaced(data: DiagnosisData, task: EstimationTask, calibration: FittedModel, fit: FittedModel) -> list[str]:
+    """Return which of gain and natural frequency the effects of a fit moved far beyond their prior, and relevantly.
+
+    That is by more than `CALIBRATION_LIMIT`, which calibration alone did not need: effects and parameters then balance
+    each other.
+    """
+
+    def is_far(of: FittedModel, name: str) -> bool:
+        where = of.solution.problem.where
+        ratio = where.values(of.solution.x).get(name, data.known[name][0]) / data.known[name][0]
+        return not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT
+
+    beyond = {conflict.number for conflict in conflicts(data, fit)} & {"gain", "natural_frequency"}
+    far = [name for name in sorted(beyond) if is_far(fit, name) and not is_far(calibration, name)]
+    return [name for name in far if is_relevant(task, fit, {name: data.known[name][0]})]
 
 
 def _absent_with(data: DiagnosisData, fit: FittedModel, conflict: Conflict, others: Sequence[FittedModel]) -> str:

@@ -270,16 +270,21 @@ def relevant_ends(task: EstimationTask, fit: FittedModel) -> list[str]:
 
 
 def is_end_relevant(task: EstimationTask, fit: FittedModel, name: str) -> bool:
-    """Tell whether the value of a parameter a factor e from its limit changes a prediction by the tolerance or more.
-
-    If the residual exceeds the noise, the change must also be at least `SHARE` of its mean square.
-    """
+    """Tell whether the value of a parameter a factor e from its limit is a relevant change."""
     where = fit.solution.problem.where
     j = where.names.index(name)
     if where.parameters[j].scale != "log":
         return True
     inside = fit.solution.x[j] + (1.0 if math.isclose(fit.solution.x[j], where.lower[j], rel_tol=1e-6) else -1.0)
-    after = fit.model.replace({name: value(where.parameters[j], inside)})
+    return is_relevant(task, fit, {name: value(where.parameters[j], inside)})
+
+
+def is_relevant(task: EstimationTask, fit: FittedModel, values: Mapping[str, float]) -> bool:
+    """Tell whether other values of some parameters change a prediction by the tolerance or more.
+
+    If the residual exceeds the noise, the change must also be at least `SHARE` of its mean square.
+    """
+    after = fit.model.replace(values)
     scored = task.scored or task.validate.names or task.identify.names
     unexplained = fit.rms(scored, task.scales) if fit.exceeds_noise else 0.0
     return largest_difference(task, fit.model, after) >= max(task.tolerance, math.sqrt(criterion.SHARE) * unexplained)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,7 +89,7 @@ def asking(paths: Sequence[Path], questions: Sequence[str], then: str = "") -> I
     """Return the message that asks for what cannot be known; `then` says how to answer, if not by a command."""
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     count = f"{len(questions)} thing{'s' if len(questions) > 1 else ''}"
-    files = " ".join(path.name for path in paths[:3]) + (" ..." if len(paths) > 3 else "")
+    files = " ".join(shlex.quote(str(path)) for path in paths[:3]) + (" ..." if len(paths) > 3 else "")
     remedy = f"does not say {'; '.join(questions)}"
     closing = f". {then or f'Save the map above, answer there, then flexdesign import {files} --map map.toml'}"
     room = 330 - len(closing)

@@ -17,7 +17,7 @@ from flexdesign.diagnosis.preparation.windows import SEARCHED
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
-from flexdesign.estimation.criterion import HALF_WIDTH, large_share
+from flexdesign.estimation.criterion import HALF_WIDTH, OVERSTATED, large_share
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import response_pages
@@ -53,7 +53,8 @@ def verdict(diagnosis: Diagnosis) -> str:
     error += _of_stroke(diagnosis, diagnosis.validation_error)
     runs = validated_on(observations(diagnosis))
     if diagnosis.verdict == "nothing-missing":
-        return f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms; {_noise(diagnosis)}."
+        sentences = f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms"
+        return f"{sentences}; {_noise(diagnosis)}.{_remains(diagnosis)}"
     if diagnosis.verdict == "unknown":
         sentences = "Something is missing, and no effect known here explains a large and certain share of it"
         return f"{sentences}. The recalibrated model misses {runs} by {error} rms; {_noise(diagnosis)}."
@@ -64,9 +65,18 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 
 def _remains(diagnosis: Diagnosis) -> str:
-    """Return how much the named effects leave unexplained, as a further sentence; empty if the residual is noise."""
+    """Return how much the named effects leave unexplained, as a further sentence; empty if the residual is noise.
+
+    A residual that counts as noise may be larger than the noise that quiet stretches show.
+    """
     if not diagnosis.remainder_rms:
-        return ""
+        ratio = diagnosis.validation_error / diagnosis.noise_floor if diagnosis.noise.known else 0.0
+        if ratio < OVERSTATED:
+            return ""
+        return (
+            f" That is {units.significant(ratio, 2)} times the noise. It counts as noise, as these runs show that too "
+            "briefly, or a stated tolerance covers it."
+        )
     size = words.error(response(diagnosis), diagnosis.remainder_rms)
     ratio = diagnosis.remainder_rms / diagnosis.noise_floor
     times = f"{units.significant(ratio, 2)} times the noise, " if diagnosis.noise.known else ""
