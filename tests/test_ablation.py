@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from flexdesign.diagnosis.effect_selection import estimation_setup
+from flexdesign.diagnosis import procedure
 from flexdesign.estimation.model_selection import (
     fitted_model,
     forward_selection,
@@ -43,12 +43,12 @@ def outcome(number: int, *named: str, seconds: float = 2.0, hits: tuple[bool, ..
 
 def test_every_part_is_there_and_comes_back() -> None:
     assert parts.chosen(None) == list(PARTS) and len(BY_KEY) == len(PARTS)
-    before = estimation_setup.escape, forward_selection.escape, fitted_model.escape
+    before = procedure.escape, forward_selection.escape, fitted_model.escape
     assert len({*before}) == 1
     with switched_off(BY_KEY["escape"]):
-        assert estimation_setup.escape is forward_selection.escape is fitted_model.escape
-        assert estimation_setup.escape("task", "fit") == "fit"  # type: ignore[arg-type, comparison-overlap]
-    assert before == (estimation_setup.escape, forward_selection.escape, fitted_model.escape)
+        assert procedure.escape is forward_selection.escape is fitted_model.escape
+        assert procedure.escape("task", "fit") == "fit"  # type: ignore[arg-type, comparison-overlap]
+    assert before == (procedure.escape, forward_selection.escape, fitted_model.escape)
 
 
 def test_a_part_comes_back_after_an_error() -> None:
@@ -95,7 +95,7 @@ def test_a_part_is_switched_off_only_where_it_acted_and_nothing_is_done_twice(
 
     def watched(number: int, *_: Any) -> tuple[Outcome, frozenset[str]]:
         asked.append(("", number))
-        return outcome(number, "creep"), frozenset({"escape"} if number > 20001 else {"jumps"})
+        return outcome(number, "creep"), frozenset({"escape"} if number > 20001 else {"modes"})
 
     def without(key: str, number: int, *_: Any) -> Outcome:
         asked.append((key, number))
@@ -105,18 +105,18 @@ def test_a_part_is_switched_off_only_where_it_acted_and_nothing_is_done_twice(
     monkeypatch.setattr(ablation, "as_completed", list)
     monkeypatch.setattr(ablation, "diagnose_watched", watched)
     monkeypatch.setattr(ablation, "diagnose_without", without)
-    chosen = [BY_KEY["escape"], BY_KEY["jumps"], BY_KEY["backward"]]
+    chosen = [BY_KEY["escape"], BY_KEY["modes"], BY_KEY["backward"]]
     for _ in range(2):
         with (tmp_path / "acted.jsonl").open("a") as file:
             file.write('{"number": 2')  # as a killed process leaves it
         found = ablation.run([20001, 20002, 20003], chosen, 1, tmp_path, 1, trial.cases.SEED, lambda _: None)
-    assert asked == [("", 20001), ("", 20002), ("", 20003), ("escape", 20002), ("jumps", 20001)]
+    assert asked == [("", 20001), ("", 20002), ("", 20003), ("escape", 20002), ("modes", 20001)]
     assert {key: list(made) for key, made in found.without.items()} == {
         "escape": [20002],
-        "jumps": [20001],
+        "modes": [20001],
         "backward": [],
     }
-    assert json.loads((tmp_path / "acted.jsonl").read_text().splitlines()[1])["acted"] == ["jumps"]
+    assert json.loads((tmp_path / "acted.jsonl").read_text().splitlines()[1])["acted"] == ["modes"]
 
 
 class _Here:
@@ -166,19 +166,19 @@ def test_recordings_are_diagnosed_without_the_parts_that_act(
 
     def answered(recording: Recording, _: Path, without: str = "") -> recordings.Answer:
         asked.append(without)
-        error = {"escape": 2e-9, "jumps": 1.005e-9}.get(without, 1e-9)
-        acted = () if without else ("escape", "jumps", "backward")
+        error = {"escape": 2e-9, "modes": 1.005e-9}.get(without, 1e-9)
+        acted = () if without else ("escape", "modes", "backward")
         return recordings.Answer(recording.title, without, "creep", error, f"{1e9 * error:.3g} nm", 1.0, acted)
 
     monkeypatch.setattr(trial, "ProcessPoolExecutor", _Here)
     monkeypatch.setattr(recordings, "as_completed", list)
     monkeypatch.setattr(recordings, "answer", answered)
-    monkeypatch.setattr(parts, "PARTS", tuple(BY_KEY[key] for key in ("escape", "jumps", "choose")))
+    monkeypatch.setattr(parts, "PARTS", tuple(BY_KEY[key] for key in ("escape", "modes", "choose")))
     for _ in range(2):
         assert command.main(["--recordings", str(tmp_path / "data"), "--out", str(tmp_path)]) == 0
-    assert asked == ["", "escape", "jumps"]
+    assert asked == ["", "escape", "modes"]
     printed = capsys.readouterr().out.splitlines()
-    assert printed[:4] == ["all parts  creep, 1 nm", "escape  creep, 2 nm", "jumps  same", "choose  –"]
+    assert printed[:4] == ["all parts  creep, 1 nm", "escape  creep, 2 nm", "modes  same", "choose  –"]
     assert "| escape | restarts" in (tmp_path / "recordings" / "report.md").read_text()
 
 

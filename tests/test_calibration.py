@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.diagnosis.effect_selection.estimation_setup import calibrate, evaluate_design
+from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_design
+from flexdesign.diagnosis.procedure import calibrate
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.autoregressive import White

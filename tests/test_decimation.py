@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import flexdesign as fd
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.preparation.oversampling import oversampling_of
+from flexdesign.diagnosis.preparation.spectra import oversampling_of
 from flexdesign.measurements.noise_level import noise_floor
 from flexdesign.measurements.recordings import Run, read_run, write_run
 from flexdesign.measurements.recordings.decimation import decimate, noise_gain
@@ -155,7 +155,7 @@ def test_a_short_piece_of_a_slow_run_has_no_say() -> None:
     ]
     alone, both = (oversampling_of(runs[:count], "x", 1e-9) for count in (1, 2))
     assert alone is not None and both is not None
-    assert alone.remedy.partition(":")[0] == both.remedy.partition(":")[0]
+    assert alone[1].partition(":")[0] == both[1].partition(":")[0]
 
 
 def test_a_response_that_follows_up_to_the_nyquist_frequency_is_not_oversampled() -> None:

@@ -19,7 +19,7 @@ from flexdesign import effects
 from flexdesign.core.model import Block
 from flexdesign.diagnosis import initialised_comparison
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.preparation.initial_conditions import initial_conditions, modes, relaxing
+from flexdesign.diagnosis.effect_selection.estimation_setup import initial_conditions, modes, relaxing
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run

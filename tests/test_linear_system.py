@@ -14,8 +14,9 @@ from scipy.signal import StateSpace, lsim
 
 from flexdesign.diagnosis import diagnose, models_without_physics
 from flexdesign.diagnosis.effect_selection.candidates import candidates
-from flexdesign.diagnosis.effect_selection.estimation_setup import calibrate_task, case_of
+from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.preparation.dataset import prepare
+from flexdesign.diagnosis.procedure import calibrate_task
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
 from flexdesign.estimation.least_squares.dataset import Dataset

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.preparation.quantisation_noise import coarse_step
+from flexdesign.diagnosis.preparation.dataset import coarse_step
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.measurements.noise_level import noise_floor
 from flexdesign.measurements.noise_level.noise_floor import resample
@@ -270,4 +270,4 @@ def test_coarse_steps_are_found_in_a_file_that_rounds_its_readings() -> None:
     found = coarse_step(readings, 0.1 * step, 0.0)
     assert found == pytest.approx(step, rel=2e-5)
     assert np.median(np.diff(np.unique(readings))) != pytest.approx(step, rel=2e-4)
-    assert coarse_step(readings, step, 0.0) is None
+    assert coarse_step(readings, 1.1 * step, 0.0) is None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
-from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
+from flexdesign.diagnosis.procedure import INTERPOLATION_TEXTS
 from flexdesign.measurements.recordings import Run, read_measurements, read_run, read_runs, write_run
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
@@ -17,11 +16,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis import procedure
+from flexdesign.diagnosis import models_without_physics
 from flexdesign.diagnosis.effect_selection.candidates import candidates
-from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, case_of
+from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.models_without_physics import is_better_curve, is_better_smooth
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
+from flexdesign.diagnosis.procedure import CalibratedTask, calibrate_task
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
 from flexdesign.estimation.model_selection.forward_selection import fit_candidate
@@ -127,8 +127,9 @@ def test_effects_that_are_terms_of_another_curve_explain_less_than_a_curve(
     ],
 )
 def test_the_answer_says_what_kind_of_model_explains_more(linear: bool, curve: bool, expected: str) -> None:
-    history: Any = SimpleNamespace(calibration=None, final=None)
     none: Any = None
-    with mock.patch.multiple(procedure, is_better_linear=lambda *_: linear, is_better_curve=lambda *_: curve):
-        said = procedure._kind_of_model(none, none, history)
+    with mock.patch.multiple(
+        models_without_physics, is_better_linear=lambda *_: linear, is_better_curve=lambda *_: curve
+    ):
+        said = models_without_physics.better_kind(none, none, none, none)
     assert expected in said and bool(said) == (linear or curve)

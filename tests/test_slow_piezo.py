@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from flexdesign.diagnosis import diagnose
 from flexdesign.diagnosis.effect_selection.candidates import candidates
-from flexdesign.diagnosis.effect_selection.estimation_setup import calibrate_task, case_of, find_undetermined
+from flexdesign.diagnosis.effect_selection.estimation_setup import case_of, find_undetermined
 from flexdesign.diagnosis.models_without_physics import is_better_smooth
 from flexdesign.diagnosis.preparation.dataset import prepare
+from flexdesign.diagnosis.procedure import calibrate_task
 from flexdesign.dynamics.signal_chain import exact_step
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
 from flexdesign.estimation.model_selection.forward_selection import fit_candidate

@@ -11,9 +11,9 @@ from scipy.signal import chirp, lsim
 
 import flexdesign as fd
 from flexdesign.diagnosis import diagnose, windowed_selection
-from flexdesign.diagnosis.preparation import windows as excerpts
+from flexdesign.diagnosis.preparation import dataset
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.preparation.windows import is_very_long, windows
+from flexdesign.diagnosis.windowed_selection import windows
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -92,7 +92,7 @@ def test_a_window_is_predicted_as_the_whole_run(data: DiagnosisData) -> None:
 
 def test_windows_of_one_record_are_one_record(data: DiagnosisData) -> None:
     parts = windows(data, {})
-    assert is_very_long(data) and not is_very_long(parts)
+    assert data.is_very_long and not parts.is_very_long
     assert data.is_one_record and parts.is_one_record
     other = replace(data.of("identify")[0], name="other:identify")
     assert not replace(data, runs=(*data.runs, other)).is_one_record
@@ -141,7 +141,7 @@ def test_hysteresis_is_found_in_very_long_recordings(
     noise: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Its loops last for seconds, a window for one."""
-    monkeypatch.setattr(excerpts, "VERY_LONG", 50_000)
+    monkeypatch.setattr(dataset, "VERY_LONG", 50_000)
     folder.write(case_of("prandtl_ishlinskii"), tmp_path, tmp_path / "answer.toml")
     runs = [run for run in read_runs([tmp_path / folder.RUNS]) if noise or "quiet" not in run.name]
     model = stage_model.read(str(tmp_path / folder.MODEL), [])
@@ -151,7 +151,7 @@ def test_hysteresis_is_found_in_very_long_recordings(
 
 @pytest.mark.slow
 def test_a_second_mode_is_found_in_a_long_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(excerpts, "VERY_LONG", 50_000)
+    monkeypatch.setattr(dataset, "VERY_LONG", 50_000)
     monkeypatch.setattr(splitting, "SAMPLES_OF_BLOCKS", 15_000)
     said = list[str]()
     found = fd.diagnose(stage(), [swept(60_000, (MAIN, SECOND))], progress=said.append)

@@ -20,8 +20,8 @@ from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
 from flexdesign.diagnosis.identify import known_axis
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
-from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, ModelResiduals, SelectionHistory, Value
+from flexdesign.diagnosis.preparation.spectra import line_frequencies, mode_frequencies
+from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, ModelResiduals, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
@@ -34,6 +34,7 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
 from flexdesign.estimation.model_selection.forward_selection import fit_candidate
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.stepwise_selection import SelectionHistory
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
@@ -110,7 +111,7 @@ def add(
     data = prepare(model, runs, axis, None, noise)
     _check(data, name, model)
     with estimation_setup.simulating() as each:
-        data = estimation_setup.choose_interpolation(model, data, each, progress)
+        data = procedure.choose_interpolation(model, data, each, progress)
         dynamics, task = estimation_setup.case_of(model, data, each, progress)
 
         @cache

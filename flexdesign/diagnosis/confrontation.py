@@ -21,8 +21,8 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
-from flexdesign.diagnosis.effect_selection import estimation_setup
-from flexdesign.diagnosis.effect_selection.estimation_setup import CalibratedTask, calibrate_task, evaluate_design
+from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
+from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_design
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import ErrorStep, ModelResiduals, Value, compare_model, compared_runs
 from flexdesign.dynamics.stage_model import StageModel
@@ -159,7 +159,7 @@ class Confrontation:
             return pool(one, items)
 
         with threadpool_limits(1):
-            self.data: DiagnosisData = estimation_setup.choose_interpolation(model, data, each, self._say)
+            self.data: DiagnosisData = procedure.choose_interpolation(model, data, each, self._say)
             self._dynamics, self._case = estimation_setup.case_of(model, self.data, each, self._say)
             self._say("predicting with the model as it is")
             nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.PRIOR_BOUND), self._dynamics)
@@ -171,9 +171,9 @@ class Confrontation:
         self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
     @cached_property
-    def _calibrated_task(self) -> CalibratedTask:
+    def _calibrated_task(self) -> procedure.CalibratedTask:
         """The calibrated task; calibration runs at the first use."""
-        begun = calibrate_task(self.data, self._case, self._dynamics)
+        begun = procedure.calibrate_task(self.data, self._case, self._dynamics)
         self._nominal = predict_tests(begun.task, begun.nominal)
         self._kept[()] = _CachedFit(predict_tests(begun.task, begun.calibrated))
         return begun
@@ -189,7 +189,7 @@ class Confrontation:
     @cached_property
     def catalogue(self) -> tuple[Candidate, ...]:
         """The effects that the axis does not have."""
-        return procedure.catalogue(self.data, self._dynamics, self._calibrated_task.calibrated, more=self._more)
+        return candidates.catalogue(self.data, self._dynamics, self._calibrated_task.calibrated, more=self._more)
 
     def designed(self) -> Confronted:
         """Return the model as designed; only the initial conditions of the runs are fitted."""

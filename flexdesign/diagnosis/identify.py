@@ -146,13 +146,17 @@ def identify(
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
     dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
-    made = [compare_run(dynamics, run, noise.rms[run.name]) for run in seen]
+    in_a_loop = "recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit"
+    matches = tuple(compare_run(dynamics, run, noise.rms[run.name]) for run in seen)
     matches = tuple(
-        replace(match, remarks=(*match.remarks, *_in_a_loop(run, name))) for match, run in zip(made, seen, strict=True)
+        replace(each, remarks=(*each.remarks, in_a_loop))
+        if run.closed_loop or {"r", f"r{name}"} & {*run.columns}
+        else each
+        for each, run in zip(matches, seen, strict=True)
     )
     estimates = [search.verdicts[name] for name in asked]
-    if exceeds_noise(matches, noise):
-        estimates = [_without_interval(estimate) for estimate in estimates]
+    if exceeds_noise(matches, noise):  # an interval would count the noise, but not the physics that the model lacks
+        estimates = [replace(e, sigma=None, interval=None, reason="") if e.determined else e for e in estimates]
     certain = {each.name: each.sigma for each in estimates if each.sigma is not None}
     fitted_runs = [match.name for match in matches if match.role == "identify"]
     axes = {**model.axes, name: _update(model.axes[name], search, certain, fitted_runs)}
@@ -186,13 +190,6 @@ def exceeds_noise(matches: Sequence[RunComparison], noise: NoiseFloor) -> bool:
     """Tell whether the residual of the fitted runs is larger than their noise explains; never for a guessed noise."""
     ratio, count = misfit(matches)
     return noise.known and ratio**2 - 1 > noise.allowed_excess(count)
-
-
-def _without_interval(estimate: Estimate) -> Estimate:
-    """Return an estimate without its interval, which would count the noise but not the physics that the model lacks."""
-    if not estimate.determined:
-        return estimate
-    return replace(estimate, sigma=None, interval=None, reason="")
 
 
 class _Search:
@@ -259,13 +256,6 @@ class _Search:
         self.dynamics = found.model
         self.evaluations += found.evaluations
         return found
-
-
-def _in_a_loop(run: Run, axis: str) -> tuple[str, ...]:
-    """Return a remark on a run that was recorded with a reference."""
-    if not (run.closed_loop or any(name in run.columns for name in ("r", f"r{axis}"))):
-        return ()
-    return ("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit",)
 
 
 def _update(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:

@@ -10,13 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.comparison.compare import remarks_of
-from flexdesign.diagnosis.effect_selection.estimation_setup import PRIOR_BOUND, case_of, evaluate_design, simulating
+from flexdesign.diagnosis.effect_selection.estimation_setup import (
+    PRIOR_BOUND,
+    case_of,
+    evaluate_design,
+    offset_rms,
+    simulating,
+)
 from flexdesign.diagnosis.preparation.dataset import prepare
-from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -76,7 +79,7 @@ def compare(
             compared,
             role=roles[run.name],
             remarks=remarks_of(dynamics, run),
-            offset_rms=float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))),
+            offset_rms=offset_rms(dynamics, [run]),
         )
         for compared, run in zip(found.runs, data.runs, strict=True)
     )

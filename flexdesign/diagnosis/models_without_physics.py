@@ -27,7 +27,8 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
-from flexdesign.core.model import Observation
+from flexdesign.core.model import Observation, parameter_of
+from flexdesign.diagnosis.comparison.error_location import REGIONS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.signal_chain import exact_step
@@ -45,17 +46,18 @@ from flexdesign.estimation.model_selection.sparse_residual_model import (
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
-#: Damping ratios of the linear system, and the factor by which its frequency may differ from the starting point.
-DAMPING_RATIOS, LARGEST_FREQUENCY_FACTOR = (1e-3, 3.0), 20.0
-#: Number of knots of a regression spline (default of Ruppert, Wand and Carroll 2003 for more than 140 values).
-KNOTS = 35
-#: Unit of velocity, as a share of stroke times natural frequency; the sign of velocity turns at a tenth of it.
-VELOCITY_SCALE = 0.1
-#: Thresholds of hinge functions, as shares of the stroke.
-THRESHOLDS = (0.15, 0.3, 0.5, 0.7, 0.85)
-#: Numbers of Gaussian basis functions over the band of frequency responses; lines for each at least; and their standard
-#: deviation, as a share of the distance to the next.
-GAUSSIAN_COUNTS, FEWEST_LINES, GAUSSIAN_WIDTH = (6, 12, 24, 48), 4, 0.6
+#: Number of knots of a regression spline, and of values for each knot at least (default of Ruppert, Wand and Carroll).
+KNOTS, VALUES_PER_KNOT = 35, 4
+#: Shape of a remainder if nonlinear effects only imitate linear dynamics.
+LINEAR_IS_BETTER = (
+    "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
+    "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
+)
+#: Shape of a remainder if several static effects are the first terms of a series for another curve.
+CURVE_IS_BETTER = (
+    "a static curve of position and voltage explains more than the effects that were tried, so that the model lacks a "
+    "nonlinearity without memory, such as a contact within a part of the stroke, or a sensor that is not straight"
+)
 
 
 # --- linear system --------------------------------------------------------------------------------------------------
@@ -84,9 +86,9 @@ def _chi2(dataset: Dataset, model: AxisDynamics, frequency: float, damping_ratio
         ]
         return without_columns(measured, np.vstack(columns))
 
-    start = np.log([frequency, np.clip(damping_ratio, 1.01 * DAMPING_RATIOS[0], 0.99 * DAMPING_RATIOS[1])])
-    far = math.log(LARGEST_FREQUENCY_FACTOR)
-    bounds = np.array([[start[0] - far, math.log(DAMPING_RATIOS[0])], [start[0] + far, math.log(DAMPING_RATIOS[1])]])
+    numbers = [parameter_of(model, name) for name in ("natural_frequency", "damping_ratio")]
+    bounds = np.log([number.plausible for number in numbers]).T
+    start = np.clip(np.log([frequency, damping_ratio]), *bounds)
     return float(2 * least_squares(residual, start, bounds=bounds, diff_step=1e-3, max_nfev=40).cost)
 
 
@@ -133,35 +135,6 @@ def mode_response(
 # --- static curve ----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class StaticCurve:
-    """Piecewise linear functions of position, which add to the force on the table and to its reading, and of voltage.
-
-    Parameters
-    ----------
-    model
-        The axis.
-    positions, voltages
-        Knots [response, V].
-    """
-
-    model: AxisDynamics
-    positions: Array
-    voltages: Array
-
-    def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
-        """Return the functions by name, n values each."""
-        assert isinstance(observation, Run)
-        command = self.model.command(observation)
-        of_position = {f"position {j}": np.maximum(predicted - knot, 0.0) for j, knot in enumerate(self.positions)}
-        of_voltage = {f"voltage {j}": np.maximum(command - knot, 0.0) for j, knot in enumerate(self.voltages)}
-        forces = {
-            f"force: {name}": force_response(self.model, observation, name, values)
-            for name, values in (of_position | of_voltage).items()
-        }
-        return {**{f"reading: {name}": values for name, values in of_position.items()}, **forces}
-
-
 def is_better_curve(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
     """Tell whether a static curve explains more in place of several effects of a fit that are terms of one.
 
@@ -176,9 +149,16 @@ def is_better_curve(data: DiagnosisData, task: EstimationTask, base: FittedModel
     everywhere = _over_all_runs(task, begun)
     dataset, model = everywhere.solution.problem.dataset, cast(AxisDynamics, begun.model)
     runs = [cast(Run, record.observation) for record in dataset.records]
-    curve = StaticCurve(
-        model, _knots([model.predict(run) for run in runs]), _knots([model.command(run) for run in runs])
-    )
+    positions, voltages = (_knots([of(run) for run in runs]) for of in (model.predict, model.command))
+
+    def curve(observation: Observation, predicted: Array) -> dict[str, Array]:
+        """Return piecewise linear functions of position, also of the force on the table, and of voltage, by name."""
+        run = cast(Run, observation)
+        of_position = {f"position {j}": np.maximum(predicted - knot, 0.0) for j, knot in enumerate(positions)}
+        of_voltage = {f"voltage {j}": np.maximum(model.command(run) - knot, 0.0) for j, knot in enumerate(voltages)}
+        forces = {f"force: {n}": force_response(model, run, n, v) for n, v in (of_position | of_voltage).items()}
+        return {**{f"reading: {name}": values for name, values in of_position.items()}, **forces}
+
     names = list(curve(runs[0], model.predict(runs[0])))
     of_curve, _ = cost_of_terms(task, everywhere, curve, names)
     samples = dataset.samples
@@ -204,8 +184,8 @@ class BasisFunctions:
         The axis.
     band
         Lowest and highest frequency of all frequency responses [Hz], and the number of their lines; None without
-        frequency responses. With a band there are also Gaussian functions of the logarithm of frequency, which multiply
-        a response.
+        frequency responses. With a band there are also piecewise linear functions of the logarithm of frequency, which
+        multiply a response.
     is_time_domain
         Whether there are runs in time.
     """
@@ -217,7 +197,7 @@ class BasisFunctions:
     def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
         """Return the functions by name, n values of size one each; zero for the other kind of observation."""
         if isinstance(observation, FrequencyResponse):
-            functions = self._of_frequency(observation, predicted)
+            functions = self._of_frequency(observation.frequencies, predicted)
         else:
             functions = self._in_time(observation, predicted)
         if self.band is None:
@@ -227,32 +207,22 @@ class BasisFunctions:
     @cached_property
     def _names(self) -> list[str]:
         """Names of all functions, those in time first."""
-        names = list(self._of_frequency(None, np.zeros(0))) if self.band else []
+        names = list(self._of_frequency(np.zeros(0), np.zeros(0))) if self.band else []
         if not self.is_time_domain:
             return names
         t = self.model.first.natural_frequency**-1 * np.arange(4.0)
         blank = Run("blank", t, {"u": np.zeros(4), self.model.name: np.zeros(4)}, {"u": "V"})
         return [*self._in_time(blank, np.zeros(4)), *names]
 
-    def _of_frequency(self, response: FrequencyResponse | None, predicted: Array) -> dict[str, Array]:
-        """Return Gaussians of the logarithm of frequency times the response, in phase with it and 90 degrees ahead.
-
-        Without a response only the names count.
-        """
+    def _of_frequency(self, frequencies: Array, predicted: Array) -> dict[str, Array]:
+        """Return hat functions of the logarithm of frequency times the response, in phase and 90 degrees ahead."""
         assert self.band is not None
         low, high, lines = self.band
-        functions = dict[str, Array]()
-        for count in (n for n in GAUSSIAN_COUNTS if n <= max(lines // FEWEST_LINES, GAUSSIAN_COUNTS[0])):
-            centres = np.geomspace(low, high, count)
-            for centre in centres.tolist():
-                place = f"near {units.hertz(centre, 3)}, 1/{count} of the band"
-                if response is None:
-                    functions |= {f"magnitude {place}": predicted, f"phase {place}": predicted}
-                    continue
-                width = math.log(high / low) / (count - 1)
-                gaussian = np.exp(-0.5 * (np.log(response.frequencies / centre) / (GAUSSIAN_WIDTH * width)) ** 2)
-                functions[f"magnitude {place}"] = parts(gaussian * whole(predicted))
-                functions[f"phase {place}"] = parts(1j * gaussian * whole(predicted))
+        centres, functions = np.geomspace(low, high, max(min(lines // VALUES_PER_KNOT, KNOTS), 2)), dict[str, Array]()
+        for centre, hat in zip(centres.tolist(), np.eye(len(centres)), strict=True):
+            place = f"near {units.hertz(centre, 3)}"
+            values = whole(predicted) * np.interp(np.log(frequencies), np.log(centres), hat)
+            functions[f"magnitude {place}"], functions[f"phase {place}"] = parts(values), parts(1j * values)
         return functions
 
     def _in_time(self, observation: Observation, predicted: Array) -> dict[str, Array]:
@@ -265,15 +235,15 @@ class BasisFunctions:
         return {**readings, **forces, **self._of_time(observation)}
 
     def _functions(self, run: Run, predicted: Array) -> dict[str, Array]:
-        """Return the functions of position x, velocity v and voltage u, each scaled to one."""
+        """Return the functions of position x, velocity v and voltage u, each over what is largest, or natural."""
         x = predicted / self.model.stroke
-        fast = 2 * math.pi * self.model.axis.natural_frequency * VELOCITY_SCALE
-        v = np.gradient(x, run.period) / fast
+        v = np.gradient(x, run.period) / (2 * math.pi * self.model.axis.natural_frequency)
         u = self.model.command(run) / self.model.max_command
         powers = {f"position^{k}": x**k for k in (2, 3, 4)}
-        hinges = {f"position beyond {100 * h:.0f} %": np.maximum(x - h, 0.0) for h in THRESHOLDS}
+        regions = np.arange(1, REGIONS) / REGIONS
+        hinges = {f"position beyond {100 * h:.0f} %": np.maximum(x - h, 0.0) for h in regions}
         moving = {"velocity": v, "velocity^2": v**2, "velocity |velocity|": v * np.abs(v), "velocity^3": v**3}
-        dry = {"sign of velocity": np.tanh(10 * v), "position x velocity": x * v, "position^2 x velocity": x**2 * v}
+        dry = {"sign of velocity": np.tanh(100 * v), "position x velocity": x * v, "position^2 x velocity": x**2 * v}
         of_voltage = {f"voltage^{k}": u**k for k in (1, 2, 3)} | {"voltage x position": u * x}
         return {**powers, **hinges, **moving, **dry, **of_voltage}
 
@@ -317,11 +287,14 @@ def smooth_residual_model(data: DiagnosisData, task: EstimationTask, fit: Fitted
 
 def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
     """Tell whether a linear system, a static curve or smooth functions explain more than the effects of a fit."""
-    return (
-        is_better_linear(data, base, fit)
-        or is_better_curve(data, task, base, fit)
-        or is_better_smooth(data, task, base, fit)
-    )
+    return bool(better_kind(data, task, base, fit)) or is_better_smooth(data, task, base, fit)
+
+
+def better_kind(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> str:
+    """Return what kind of model explains more than the effects of a fit, in words; empty if none does."""
+    if is_better_linear(data, base, fit):
+        return LINEAR_IS_BETTER
+    return CURVE_IS_BETTER if is_better_curve(data, task, base, fit) else ""
 
 
 def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:

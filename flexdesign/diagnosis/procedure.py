@@ -8,49 +8,78 @@ position, velocity and voltage explains more.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
+from typing import Any, Literal, cast
 
 import numpy as np
 
-from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.core.model import Model
+from flexdesign.diagnosis.effect_selection.candidates import catalogue
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
-    calibrate_task,
+    PRIOR_BOUND,
     case_of,
-    choose_interpolation,
+    evaluate_design,
+    find_undetermined,
+    not_simulated,
+    offset_rms,
     simulating,
+    with_calibrated_conditions,
 )
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
-from flexdesign.diagnosis.models_without_physics import is_better_curve, is_better_linear, smooth_residual_model
+from flexdesign.diagnosis.models_without_physics import better_kind, smooth_residual_model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
-from flexdesign.diagnosis.preparation.frequencies import line_frequencies, mode_frequencies
-from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
-from flexdesign.diagnosis.preparation.oversampling import oversampling_of
-from flexdesign.diagnosis.preparation.windows import describe, is_very_long
-from flexdesign.diagnosis.remainder import is_adequate
-from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
-from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of
-from flexdesign.diagnosis.windowed_selection import forward_in_windows
-from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, oversampling_of
+from flexdesign.diagnosis.result import Diagnosis
+from flexdesign.diagnosis.verdict import Conclusion, decide, diagnosis_of, is_adequate
+from flexdesign.diagnosis.windowed_selection import describe, forward_in_windows, windows
+from flexdesign.dynamics.axis.axis_model import TRIGGERED_WITHIN, AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.criterion import INDISTINGUISHABLE, WORSE
+from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
 from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
+    escape,
+    evaluate_fit,
+    fit_model,
     predict_tests,
+    solve_case,
 )
-from flexdesign.estimation.model_selection.forward_selection import forward
+from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT, forward
 from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import add_together, confusable, restart_without, select
+from flexdesign.estimation.model_selection.stepwise_selection import (
+    SelectionHistory,
+    add_together,
+    confusable,
+    restart_without,
+    select,
+)
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
+#: Largest delay that is tried before the first fit, in periods of the mode.
+LARGEST_DELAY = 2.0
+#: Largest relative change of the natural frequency that is tried, and the spacing: farther away than the width of the
+#: resonance, derivatives mislead. A payload or a loose part may change the frequency by this much.
+LARGEST_DETUNING, DETUNING_SPACING = 0.24, 0.03
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
 #: a delay and two modes act in bands of their own.
 MOST_EFFECTS, MOST_EFFECTS_OF_LINES = 3, 5
+#: Remarks if the intersample behaviour is not stated, by the behaviour that fits better than straight lines.
+INTERPOLATION_TEXTS = {
+    "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
+    "hold": (
+        "nobody says what the command does between its samples: that it is held fits better than straight lines, which "
+        'would need a delay of half a sample; if it is held, write between_samples = "hold" in measurements.toml'
+    ),
+}
 
 
 def diagnose(
@@ -96,14 +125,14 @@ def diagnose(
     data = prepare(model, runs, axis, tolerance, noise)
     recorded = [each for each in runs if isinstance(each, Run)]
     if oversampled := oversampling_of(recorded, data.name, data.tolerance):
-        progress(f"{oversampled.what}: {oversampled.remedy}")
-        data = _with_remark(data, f"{oversampled.what}; {oversampled.remedy}")
+        progress(": ".join(oversampled))
+        data = _with_remark(data, "; ".join(oversampled))
     with simulating(threads) as each:
         data = choose_interpolation(model, data, each, progress)
         dynamics, task = case_of(model, data, each, progress)
 
         step_forward = forward
-        if is_very_long(data):
+        if data.is_very_long:
             remark = describe(data)
             progress(remark)
             data = _with_remark(data, remark)
@@ -113,7 +142,7 @@ def diagnose(
         history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
         diagnosis = diagnosis_of(model, data, history, conclusion)
-        if conclusion.verdict == "unknown" and (kind := _kind_of_model(data, task, history)):
+        if conclusion.verdict == "unknown" and (kind := better_kind(data, task, history.calibration, history.final)):
             diagnosis = replace(diagnosis, remainder=f"{diagnosis.remainder}; {kind}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(diagnosis, evaluations=evaluations, seconds=perf_counter() - start_time)
@@ -153,44 +182,9 @@ def _conclude(
         groups=groups,
         conflicts=reported_conflicts,
         implied_effects=implied_effects,
-        offset_residual=np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None,
+        offset_rms=offset_rms(dynamics, scored) if scored else None,
         by_run=of_runs(task, error_ladder[-1]),
     )
-
-
-def catalogue(
-    data: DiagnosisData, dynamics: AxisDynamics, fit: FittedModel, *, more: Sequence[str] = ()
-) -> tuple[Candidate, ...]:
-    """Return the effects of the catalogue, and those of the paths `more`, as candidates at a calibrated fit."""
-    return candidates(
-        dynamics,
-        more,
-        line_frequencies(data, fit) if data.runs else (),
-        mode_frequencies(data, fit),
-        loaded=data.is_loaded,
-        at_stack=data.is_at_stack,
-        swings="natural_frequency" in fit.solution.problem.where.names,
-        band=None if data.runs else data.band,
-    )
-
-
-def _kind_of_model(data: DiagnosisData, task: EstimationTask, history: SelectionHistory) -> str:
-    """Return what kind of model explains more than the effects that were tried, in words; empty if none does."""
-    if is_better_linear(data, history.calibration, history.final):
-        return LINEAR_IS_BETTER
-    return CURVE_IS_BETTER if is_better_curve(data, task, history.calibration, history.final) else ""
-
-
-#: Shape of a remainder if nonlinear effects only imitate linear dynamics.
-LINEAR_IS_BETTER = (
-    "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
-    "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
-)
-#: Shape of a remainder if several static effects are the first terms of a series for another curve.
-CURVE_IS_BETTER = (
-    "a static curve of position and voltage explains more than the effects that were tried, so that the model lacks a "
-    "nonlinearity without memory, such as a contact within a part of the stroke, or a sensor that is not straight"
-)
 
 
 def search(
@@ -241,3 +235,156 @@ def search(
         calibrated_task.undetermined,
         calibrated_task.is_refused,
     )
+
+
+# --- calibration -----------------------------------------------------------------------------------------------------
+
+
+def choose_interpolation(
+    model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
+) -> DiagnosisData:
+    """Return the data set with the intersample behaviour that fits better, for commands for which none is stated.
+
+    A measured command is smooth: straight lines reduce a sine of frequency w by the factor (w h)^2 / 12, which looks
+    like a lag or a further mode. A command that was sent is often held: straight lines are half a sample early, which
+    looks like a delay.
+    """
+    if all(run.between_is_stated for run in data.runs):
+        return data
+    progress("asking what commands do between their samples")
+    alternative, fits = replace(data, runs=tuple(map(_interpolated_otherwise, data.runs))), list[FittedModel]()
+    for variant in (data, alternative):
+        searched = windows(variant, {}) if variant.is_very_long else variant
+        dynamics, task = case_of(model, searched, each, lambda _: None)
+        if (fit := fit_model(task, dynamics, effort=CALIBRATION)) is None:
+            return data
+        fits.append(fit)
+    critical = INDISTINGUISHABLE * max(fits[0].scale, 1.0)
+    return alternative if fits[1].cost < fits[0].cost - critical else data
+
+
+def _interpolated_otherwise(run: Run) -> Run:
+    """Return a run with a command that is not linear between its samples, unless the behaviour is stated."""
+    if run.between_is_stated:
+        return run
+    shape: Literal["hold", "smooth"] = "hold" if run.command_is == "dac" else "smooth"
+    return replace(run, between_samples=shape, remarks=(*run.remarks, INTERPOLATION_TEXTS[shape]))
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedTask:
+    """A task with its calibrated model, to which effects are added.
+
+    Parameters
+    ----------
+    task
+        The task, with the free parameters that the runs show, and the initial conditions of the calibrated model.
+    nominal, fit, calibrated
+        The model as designed, the fit of its parameters, and the one of both that is kept.
+    undetermined
+        Parameters of the model that the runs do not show.
+    is_refused
+        Whether calibration increased the validation error, so that the design values are kept.
+    """
+
+    task: EstimationTask
+    nominal: FittedModel
+    fit: FittedModel
+    calibrated: FittedModel
+    undetermined: tuple[str, ...]
+    is_refused: bool
+
+    @property
+    def origins(self) -> tuple[FittedModel, ...]:
+        """Further fits from which effects are added: at a gross misfit, calibration may have imitated an effect."""
+        return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
+
+
+def calibrate_task(
+    data: DiagnosisData,
+    task: EstimationTask,
+    dynamics: AxisDynamics,
+) -> CalibratedTask:
+    """Fit the parameters of the model itself, and prepare the task for added effects.
+
+    Raises
+    ------
+    InputError
+        If the model cannot be simulated at the values it has.
+    """
+    task.progress("predicting with the model as it is")
+    held = find_undetermined(task, dynamics)
+    task = replace(task, free=tuple(name for name in task.free if name not in held))
+    nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
+    task.progress("calibrating")
+    fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
+    if fit is not None:  # the ringing of a mode follows from its calibrated frequency and damping
+        task = with_calibrated_conditions(task, cast(AxisDynamics, fit.model), data.rounded(fit))
+        fit = fit_model(task, fit.model)
+    if fit is None:
+        raise not_simulated(dynamics)
+    fit = escape(task, fit) if fit.exceeds_noise else fit
+    increase = fit.validation_chi2 - nominal.validation_chi2
+    is_refused = (
+        bool(task.validate.records)
+        and data.error(fit) > WORSE * data.error(nominal)
+        and increase > INDISTINGUISHABLE * fit.discrepancy
+    )
+    if is_refused or fit.scale > GROSS_MISFIT:
+        nominal = evaluate_design(with_calibrated_conditions(task, dynamics, data.rounded(nominal)), nominal.model)
+    calibrated = nominal if is_refused else fit
+    task = replace(task, calibrated_excess=calibrated.excess)
+    return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
+
+
+def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = None) -> FittedModel | None:
+    """Fit the parameters of the model itself from their present values.
+
+    If the design with fitted initial states explains more than that fit, the fit starts from there as well. Random
+    starts in the plausible ranges are not used: with measured recordings they led to the same minimum.
+    """
+    solution = solve_case(task, model, effort=CALIBRATION)
+    if nominal is not None and (solution is None or nominal.cost < solution.cost):
+        solution = solve_case(task, nominal.model, effort=CALIBRATION) or solution
+    return None if solution is None else evaluate_fit(task, solution, ())
+
+
+def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the common trigger delay or lead that fits best on a grid, if that is more than one step.
+
+    If the delay exceeds half a period of the mode, a fit that starts from zero ends in another minimum.
+    """
+    if not math.isinf(task.prior_bound):
+        return dynamics
+
+    def late_by(late: float) -> AxisDynamics:
+        return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
+
+    step = 1 / (FEWEST_PER_PERIOD * dynamics.first.natural_frequency)
+    farthest = min(LARGEST_DELAY / dynamics.first.natural_frequency, TRIGGERED_WITHIN[1])
+    delays = np.arange(0.0, farthest, step)
+    every = sorted([*delays.tolist(), *(-delays[1:]).tolist()], key=abs)
+    best = min(every, key=lambda late: _nuisance_cost(task, late_by(late)))
+    return late_by(best) if abs(best) > step else dynamics
+
+
+def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the natural frequency that fits best on a grid, if that is more than one step away."""
+    if "natural_frequency" not in task.free:  # the runs do not show it
+        return dynamics
+    nominal = dynamics.first.natural_frequency
+
+    def tuned(factor: float) -> AxisDynamics:
+        return dynamics.replace({"natural_frequency": factor * nominal})
+
+    steps = round(LARGEST_DETUNING / DETUNING_SPACING)
+    factors = [1 + DETUNING_SPACING * step for step in range(-steps, steps + 1)]
+    best = min(factors, key=lambda factor: _nuisance_cost(task, tuned(factor)))
+    return tuned(best) if abs(best - 1) > 1.5 * DETUNING_SPACING else dynamics
+
+
+def _nuisance_cost(task: EstimationTask, model: AxisDynamics) -> float:
+    """Return chi^2 of the fitted runs, with only the nuisance columns fitted."""
+    problem = task.problem(task.identify, model)
+    residuals = problem.residuals(problem.where.start)
+    return math.inf if residuals is None else float(sum(part @ part for part in residuals))

@@ -29,8 +29,6 @@ WORDS = {
 }
 #: Words of a fit.
 FIT = ("trying", "fitting with")
-#: Numbers of seconds that are said, each for what is nearest; less than the first is a few seconds.
-DURATIONS = (5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600, 1200, 1800, 3600)
 
 
 class Progress:
@@ -81,16 +79,14 @@ class Progress:
 
 
 def duration_text(seconds: float | None) -> str:
-    """Return a time in words, no finer than it is known.
+    """Return a time in words, with one significant digit: no finer than it is known.
 
     >>> duration_text(2.0), duration_text(17.0), duration_text(100.0)
-    ('a few seconds left', 'about 15 s left', 'about 90 s left')
+    ('about 2 s left', 'about 20 s left', 'about 2 min left')
     >>> duration_text(290.0), duration_text(None)
     ('about 5 min left', '')
     """
     if seconds is None:
         return ""
-    if seconds < DURATIONS[0]:
-        return "a few seconds left"
-    nearest = min(DURATIONS, key=lambda number: abs(number - seconds))
-    return f"about {nearest} s left" if nearest < 120 else f"about {nearest // 60} min left"
+    number, unit = (seconds, "s") if seconds < 60 else (seconds / 60, "min")
+    return f"about {float(f'{number:.0e}'):.0f} {unit} left"

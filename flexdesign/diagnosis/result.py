@@ -13,9 +13,6 @@ from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.comparison import Comparison, RunComparison, join_halves, where
 from flexdesign.dynamics.axis.axis_run import measured_stroke
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import SHARE
-from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -181,52 +178,6 @@ class CandidateRecord:
     share: float
     evidence: float
     outcome: str
-
-
-@dataclass(frozen=True, eq=False)
-class SelectionHistory:
-    """The course of a selection, from the design to the last effect.
-
-    Parameters
-    ----------
-    nominal, calibration
-        The fit of the initial conditions alone, with the design values; and the fit after calibration.
-    fits
-        The fit after each step that added effects.
-    steps
-        The steps with their trials; the last step added nothing.
-    undetermined
-        Parameters that the runs do not determine: they keep their design values, defaults or fitted values.
-    is_refused
-        Whether calibration increased the validation error, so that the design values were kept.
-    """
-
-    nominal: FittedModel
-    calibration: FittedModel
-    fits: tuple[FittedModel, ...]
-    steps: tuple[Step, ...]
-    undetermined: tuple[str, ...] = ()
-    is_refused: bool = False
-
-    @property
-    def levels(self) -> tuple[FittedModel, ...]:
-        """The fits from the calibrated model on, each with further effects."""
-        return (self.calibration, *self.fits)
-
-    @property
-    def final(self) -> FittedModel:
-        """The last fit."""
-        return self.levels[-1]
-
-    def levels_to(self, named: FittedModel) -> tuple[FittedModel, ...]:
-        """Return the fits from the calibrated one to `named`, whose effects are named."""
-        place = next(i for i, fit in enumerate(self.levels) if {*named.names} <= {*fit.names})
-        return (*self.levels[:place], named)
-
-    def refused_beyond(self, named: FittedModel) -> tuple[FittedModel, ...]:
-        """Return the fits with further effects than `named` that explain a share with evidence but are not named."""
-        trials = [trial for step in self.steps for trial in step.trials if {*named.names} < {*trial.fit.names}]
-        return tuple(trial.fit for trial in trials if trial.gain >= trial.critical_gain and trial.share >= SHARE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,37 +8,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexdesign.core.arrays import Array
 from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict, displaced
 from flexdesign.diagnosis.models_without_physics import is_better_without_physics
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.remainder import (
-    describe,
-    describe_size,
-    is_adequate,
-    is_negligible,
-    remainder,
-    unexplained_rms,
-)
-from flexdesign.diagnosis.result import (
-    CandidateRecord,
-    Diagnosis,
-    ErrorStep,
-    IdentifiedEffect,
-    SelectionHistory,
-    Value,
-    Verdict,
-)
+from flexdesign.diagnosis.result import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value, Verdict
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import LARGE, OVERSTATED, WORSE
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.model_selection.model_comparison import Step, Trial, is_end_relevant, relevant_ends
+from flexdesign.estimation.model_selection.model_comparison import Step, is_end_relevant, relevant_ends
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
+from flexdesign.estimation.model_selection.stepwise_selection import SelectionHistory
 from flexdesign.estimation.uncertainty.identifiability import intervals
+from flexdesign.measurements.noise_level import allowed_excess
 
 
 def decide(
@@ -96,8 +81,9 @@ class Conclusion:
         Effects that the runs do not distinguish; one of each group is named.
     conflicts, implied_effects
         Parameters that moved beyond their prior, and those among them that represent an effect.
-    offset_residual
-        Residual of the runs that errors are stated of, if only their offsets are fitted [response]; None without runs.
+    offset_rms
+        Rms residual of the runs that errors are stated of, if only their offsets are fitted [response]; None without
+        runs.
     by_run
         Strengths of named effects that differ from run to run, by name.
     """
@@ -109,7 +95,7 @@ class Conclusion:
     groups: tuple[tuple[str, ...], ...]
     conflicts: Sequence[Conflict]
     implied_effects: Sequence[Conflict]
-    offset_residual: Array | None
+    offset_rms: float | None
     by_run: Mapping[str, ByRun]
 
 
@@ -120,15 +106,14 @@ def diagnosis_of(
     error_ladder, implied_effects = conclusion.error_ladder, conclusion.implied_effects
     final, (nominal, calibration, *_) = error_ladder[-1], error_ladder
     is_noise = is_adequate(data, history.final, conclusion.smooth_model)
-    shape = "" if is_noise else describe(data, remainder(data, history.final), conclusion.smooth_model)
+    shape = "" if is_noise else _describe(data, history.final, conclusion.smooth_model)
     if is_noise and not {*history.final.names} <= {*final.names}:
-        is_noise, shape = False, describe_size(data, remainder(data, final))  # effects that are not named explain it
+        is_noise, shape = False, _describe_size(data, final)  # effects that are not named explain it
     unexplained = max(data.test_error(final) ** 2 - data.known_test_noise_rms**2, 0.0)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
     steps = _error_steps(data, error_ladder)
-    if conclusion.offset_residual is not None:  # shows what the initial conditions of the runs explain
-        offset_rms = float(np.sqrt(np.nanmean(conclusion.offset_residual**2)))
-        steps = (ErrorStep("as designed, offsets alone", offset_rms), *steps)
+    if conclusion.offset_rms is not None:  # shows what the initial conditions of the runs explain
+        steps = (ErrorStep("as designed, offsets alone", conclusion.offset_rms), *steps)
     effects = tuple(
         with_runs(_identified_effect(data, error_ladder[1:], name, values), conclusion.by_run) for name in final.names
     )
@@ -288,28 +273,24 @@ def own_numbers(fit: FittedModel) -> list[str]:
 def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
     records = []
     for step in steps:
+        alike = [trial.names for trial in step.alike]
         for trial in step.trials:
             present = trial.fit.names[: len(trial.fit.names) - len(trial.names)]
-            is_added = step.chosen is not None and trial.names == step.chosen.names
-            outcome = "added" if is_added else trial.reason or _not_chosen(step, trial)
+            outcome = trial.reason or "explains less"
+            if step.chosen is not None and trial.names == step.chosen.names:
+                outcome = "added"
+            elif trial.names in alike:
+                outcome = "these runs do not distinguish it from what was added"
             evidence = trial.gain / trial.critical_gain if trial.critical_gain else 0.0
             records.append(CandidateRecord(trial.names, present, trial.error, trial.share, evidence, outcome))
     return tuple(records)
 
 
-def _not_chosen(step: Step, trial: Trial) -> str:
-    is_confounded = any(trial.names == other.names for other in step.alike)
-    return "these runs do not distinguish it from what was added" if is_confounded else "explains less"
-
-
 def _error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
-    nominal, calibration, *added = error_ladder
-    steps = [
-        ErrorStep("as designed", data.test_error(nominal)),
-        ErrorStep("recalibrated", data.test_error(calibration)),
-    ]
+    labels = ("as designed", "recalibrated")
+    steps = [ErrorStep(label, data.test_error(fit)) for label, fit in zip(labels, error_ladder, strict=False)]
     before: tuple[str, ...] = ()
-    for fit in added:
+    for fit in error_ladder[2:]:
         label = [f"+ {name}" for name in fit.names if name not in before]
         label += [f"- {name}" for name in before if name not in fit.names]
         steps.append(ErrorStep(" ".join(label), data.test_error(fit)))
@@ -344,3 +325,73 @@ def model_of(
         axis = replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": rest}})
     axes = {**model.axes, data.name: axis}
     return replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay))
+
+
+# --- remainder -------------------------------------------------------------------------------------------------------
+
+
+def excess(data: DiagnosisData, fit: FittedModel) -> tuple[float, float]:
+    """Return the mean square of the whitened residual less that of noise, and the largest that counts as noise.
+
+    Runs and frequency responses are compared separately, fitted and validation ones, and the largest excess counts:
+    frequency responses have few values, which would not count among those of runs.
+    """
+    pairs = list(zip(fit.solution.problem.dataset.records, fit.solution.residuals, strict=True))
+    of_lines = [pair for pair in pairs if pair[0].observation.name in data.lines]
+    of_runs = [pair for pair in pairs if pair[0].observation.name not in data.lines]
+    level = 2 * data.noise.relative_error  # of squares
+    line_level = max((math.sqrt(2 / e.dof) if e.dof else math.inf for e in data.lines.values()), default=0.0)
+    sums = [
+        (sum(float(part @ part) for _, part in each), sum(int(record.present.sum()) for record, _ in each), error)
+        for each, error in ((of_runs, level), (of_lines, line_level))
+    ]
+    validated = [
+        (fit.residuals_by_run[each.name] / data.lines[each.name].of_values)[np.tile(each.present, 2)]
+        for each in data.responses
+        if each.role == "validate"
+    ]
+    chi2 = sum(float(part @ part) for part in validated)
+    sums.append((chi2, sum(len(part) for part in validated), line_level))
+    samples = sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate"))
+    sums.append((fit.validation_chi2 - chi2, samples, level))
+    margins = [(chi2 / count - 1, allowed_excess(count, error)) for chi2, count, error in sums if count]
+    return max(margins, key=lambda pair: pair[0] - pair[1])
+
+
+def unexplained_rms(data: DiagnosisData, fit: FittedModel) -> float:
+    """Return the rms residual of the scored runs above the noise [response]; all of it if the noise is unknown."""
+    return math.sqrt(max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0))
+
+
+def is_negligible(data: DiagnosisData, fit: FittedModel) -> bool:
+    """Return whether what is unexplained is below a stated tolerance, or below the usual one if noise is unknown."""
+    return (data.is_asked or not data.noise.known) and unexplained_rms(data, fit) <= data.tolerance
+
+
+def is_adequate(data: DiagnosisData, fit: FittedModel, smooth_model: SparseModel) -> bool:
+    """Return whether the residual is noise, or below the tolerance that the user stated."""
+    if is_negligible(data, fit):
+        return True
+    # Smooth functions that explain a part of the residual show that it is not noise, however small that part is.
+    explainable = smooth_model.held_gain > 0 and smooth_model.validation_rms > data.tolerance and smooth_model.gain > 0
+    if not data.noise.known:  # a white residual may be noise, whatever its size
+        return fit.is_white and not explainable
+    found, allowed = excess(data, fit)
+    return found <= allowed and not explainable
+
+
+def _describe_size(data: DiagnosisData, fit: FittedModel) -> str:
+    if not data.noise.known:
+        return "the residual remains"
+    return f"{math.sqrt(1 + max(excess(data, fit)[0], 0.0)):.3g} times the noise remains"
+
+
+def _describe(data: DiagnosisData, fit: FittedModel, smooth_model: SparseModel) -> str:
+    """Return the size of a remainder, and the smooth functions that explain most of it, in words."""
+    share = _describe_size(data, fit)
+    if data.noise.known and any(data.noise.whitening.process(run.name).order for run in data.runs):
+        share += " (whitened: of each sample counts what those before it do not predict; the errors stated are raw)"
+    if not smooth_model.terms:
+        return f"{share}; no smooth function of position, velocity, voltage or time explains it"
+    best = sorted(smooth_model.shares, key=lambda name: -smooth_model.shares[name])[:3]
+    return f"{share}; of smooth functions these explain most: {', '.join(best)}"

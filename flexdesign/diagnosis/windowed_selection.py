@@ -1,17 +1,26 @@
 """Forward steps of the selection in very long recordings: searched in windows, decided on all values.
 
-Screening and fits of all candidates use windows in which the present model fails most. What is chosen there is fitted
-to all values, and must pass the same checks. If nothing passes, the effects that are too slow for a window, such as
-creep, drift and hysteresis whose loops last longer, are searched in all values.
+A search fits dozens of models, and a simulation of all values takes as long as they are many. Screening and fits of all
+candidates therefore use windows, more of them where the present model fails: systematic sampling with probability
+proportional to size (Madow 1949, Ann. Math. Statist. 20, 333-354). The size of a block is the sum of its squared
+residuals plus the mean of all blocks, so that half of the windows are spread evenly. A window is simulated from its own
+initial state, after a lead of the recorded command in which the mode forgets what happened before.
+
+What is chosen there is fitted to all values, and must pass the same checks. If nothing passes, the effects that are too
+slow for a window, such as creep, drift and hysteresis whose loops last longer, are searched in all values.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import cast
 
+import numpy as np
+
 from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.model import Block, Disturbance, Socket
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     case_of,
@@ -19,8 +28,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
     find_undetermined,
     with_calibrated_conditions,
 )
-from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.preparation.windows import windows
+from flexdesign.diagnosis.preparation.dataset import SAMPLES_SEARCHED, DiagnosisData, of_blocks
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -33,9 +41,14 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial, compare
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.measurements.recordings import Run
 
 #: Why an effect that was accepted in windows is not fitted to all values.
 WORSE_IN_WINDOWS = "explains less in the windows that were searched"
+#: By these words a report finds the statement of `describe` among the remarks on a run.
+SEARCHED = "effects were searched in"
+#: Least length of a window [values]; a ring-down fits into it.
+WINDOW = 1_000
 
 
 def forward_in_windows(
@@ -114,3 +127,71 @@ def confirm(task: EstimationTask, fit: FittedModel, chosen: Trial) -> Trial | No
     model = with_values(with_effects(fit.model, added), chosen.fit.model)
     extended = fit_model(task, task.fine(model), (*fit.effects, *added))
     return None if extended is None else compare(task, fit, extended, names, chosen.score)
+
+
+# --- windows ----------------------------------------------------------------------------------------------------------
+
+
+def describe(data: DiagnosisData) -> str:
+    """Return what is done with very long recordings, a sentence without its full stop."""
+    return (
+        f"of {data.values} samples, {SEARCHED} {_count(data)} windows of {_length(data)} where the model "
+        "fails most, and slow ones in all; what was found is fitted to all samples and checked on all"
+    )
+
+
+def windows(data: DiagnosisData, residuals: Mapping[str, Array]) -> DiagnosisData:
+    """Return the data set with windows in the place of its runs, without test runs.
+
+    Parameters
+    ----------
+    data
+        The data set.
+    residuals
+        Residual of each run by its name, n values [response], NaN at gaps; without one, windows are spread evenly.
+    """
+    searched, chosen = [*data.of("identify"), *data.of("validate")], list[Run]()
+    for runs in (data.of("identify"), data.of("validate")):
+        share = _present(runs) / _present(searched)
+        chosen += _sample(data, runs, residuals, max(1, round(share * _count(data)))) if runs else []
+    return replace(data, runs=tuple(chosen), noise=of_blocks(data.noise, chosen))
+
+
+def _present(runs: Iterable[Run]) -> int:
+    return int(sum(np.isfinite(run.measured()).sum() for run in runs))
+
+
+def _length(data: DiagnosisData) -> int:
+    """Return the number of values in a window, without its lead."""
+    period = min(run.period for run in data.runs)
+    return min(max(WINDOW, math.ceil(data.axis.settling_time / period)), SAMPLES_SEARCHED // 2)
+
+
+def _count(data: DiagnosisData) -> int:
+    return SAMPLES_SEARCHED // _length(data)
+
+
+def _sample(data: DiagnosisData, runs: Sequence[Run], residuals: Mapping[str, Array], count: int) -> list[Run]:
+    """Return windows of runs at equal steps of their accumulated size."""
+    length, places, sizes = _length(data), list[tuple[Run, int]](), list[float]()
+    for run in runs:
+        squares, there = residuals.get(run.name, np.zeros(len(run.time))) ** 2, np.isfinite(run.measured())
+        for first in range(0, max(len(run.time) - length, 0) + 1, length):
+            if 2 * there[first : first + length].sum() >= min(length, len(run.time)):
+                places.append((run, first))
+                sizes.append(float(np.nansum(squares[first : first + length])))
+    if not places:
+        return list(runs)
+    reached = np.cumsum(np.array(sizes) + (np.mean(sizes) or 1.0))
+    at = np.unique(np.searchsorted(reached, reached[-1] * (np.arange(count) + 0.5) / count))
+    return [_window(data, places[k][0], places[k][1], length) for k in at]
+
+
+def _window(data: DiagnosisData, run: Run, first: int, length: int) -> Run:
+    """Return a window of a run, with a lead without readings."""
+    lead = min(math.ceil(data.axis.settling_time / run.period), length, first)
+    part = slice(first - lead, first + length)
+    columns = {name: values[part].copy() for name, values in run.columns.items()}
+    for name in run.responses:
+        columns[name][:lead] = np.nan
+    return replace(run, name=f"{run.name}:{first}", time=run.time[part], columns=columns)

@@ -33,15 +33,14 @@ from scipy.optimize import least_squares
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
-    calibrate,
     case_of,
     find_undetermined,
     simulating,
     with_calibrated_conditions,
 )
 from flexdesign.diagnosis.preparation.dataset import prepare
-from flexdesign.diagnosis.preparation.frequencies import line_frequencies
-from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency
+from flexdesign.diagnosis.preparation.spectra import line_frequencies
+from flexdesign.diagnosis.procedure import calibrate, grid_delay, grid_frequency
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt

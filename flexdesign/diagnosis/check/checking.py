@@ -14,7 +14,7 @@ from flexdesign.diagnosis.check.coverage import Coverage
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.diagnosis.check.tables import TableFacts
 from flexdesign.diagnosis.preparation.dataset import usual_tolerance
-from flexdesign.diagnosis.preparation.oversampling import FEWEST_PER_PERIOD, oversampling_of
+from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, oversampling_of
 from flexdesign.dynamics.axis.axis_run import measured_stroke
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split
@@ -164,7 +164,7 @@ def _of_rate(runs: Sequence[Run], axis: str, noise: NoiseFloor) -> list[Suspicio
     there = [run for run in runs if axis in run.columns]
     negligible = usual_tolerance(measured_stroke(there, axis), min(noise.rms.values()) if noise.known else None)
     found = oversampling_of(there, axis, negligible)
-    return [Suspicion("", found.what, found.remedy)] if found else []
+    return [Suspicion("", *found)] if found else []
 
 
 def _run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:

@@ -14,11 +14,14 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance, parameter_of
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData
+from flexdesign.diagnosis.preparation.spectra import line_frequencies, mode_frequencies
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, frequency_scale, of_catalogue
+from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, frequency_scale, of_catalogue, power_in
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
 from flexdesign.dynamics.stage_model import fields
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.recordings import Run
 
@@ -30,13 +33,8 @@ SHOWN_BY_MASS = "payload_mass"
 INERTIAL_EFFECTS = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
 NOISE_EFFECTS = ("quantisation",)
-#: Units of numbers of amplifier, sensor and controller; the power of the natural frequency with which they are tried.
-RATES = {"Hz": 1.0, "V/s": 1.0, "s": -1.0}
-#: In the band of frequency responses modes and lags are tried at this number of frequencies, delays at these fractions
-#: of a cycle of its highest frequency.
-FREQUENCIES_IN_BAND, DELAYS_IN_CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-#: Not more trials than these for one effect.
-MOST_TRIALS = 48
+#: In the band of frequency responses modes, lags and delays are tried at this number of frequencies.
+FREQUENCIES_IN_BAND = 10
 
 
 def _line(frequency: str, model: Model, observation: Observation) -> Array | None:
@@ -107,6 +105,22 @@ def candidates(
     return tuple(made)
 
 
+def catalogue(
+    data: DiagnosisData, dynamics: AxisDynamics, fit: FittedModel, *, more: Sequence[str] = ()
+) -> tuple[Candidate, ...]:
+    """Return the effects of the catalogue, and those of the paths `more`, as candidates at a calibrated fit."""
+    return candidates(
+        dynamics,
+        more,
+        line_frequencies(data, fit) if data.runs else (),
+        mode_frequencies(data, fit),
+        loaded=data.is_loaded,
+        at_stack=data.is_at_stack,
+        swings="natural_frequency" in fit.solution.problem.where.names,
+        band=None if data.runs else data.band,
+    )
+
+
 def _shows_frequency(model: AxisDynamics, effect: Effect, name: str) -> bool:
     """Return whether the samples show some frequency that an effect may have; of effects without one, always."""
     numbers = (p for p in model.with_effect(effect, name).parameters() if p.name == f"{name}.frequency")
@@ -175,22 +189,23 @@ def candidate_of(
 
 
 def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
-    """Return the values at which a number is tried in a band: frequencies all over it, delays of some phase at its end.
+    """Return the values at which a number is tried in a band: frequencies all over it, delays of a radian at each.
 
-    >>> [round(value, 6) for value in _values_in_band(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))]
-    [5e-05, 0.000125, 0.00025, 0.0005, 0.00125, 0.0025]
+    >>> [round(value, 6) for value in _values_in_band(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))][-2:]
+    [0.000774, 0.000398]
     """
+    frequencies = np.geomspace(*band, FREQUENCIES_IN_BAND)
     if parameter.si == "Hz":
-        return tuple(np.geomspace(*band, FREQUENCIES_IN_BAND).tolist())
+        return tuple(frequencies.tolist())
     if parameter.name in (DELAY, SENSOR_DELAY):
-        return tuple(cycles / band[1] for cycles in DELAYS_IN_CYCLES)
+        return tuple((1 / (2 * math.pi * frequencies)).tolist())
     return parameter.screen
 
 
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
     """Return a number of driver, sensor or controller with what the catalogue says of the effect that it represents."""
     scale = of_catalogue(catalogue, model.stroke, model.max_command)
-    scale *= frequency_scale(model.first, model.highest) ** RATES.get(catalogue.si, 0.0)
+    scale *= frequency_scale(model.first, model.highest) ** -power_in("s", catalogue.si.replace("Hz", "1/s"))
     return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
 
 
@@ -206,4 +221,4 @@ def _trials(own: Sequence[Parameter], lines: Sequence[float]) -> tuple[dict[str,
         values = sorted({min(max(value, low), high) for value in values})
         start = p.start if p.start is not None else 0.0
         grids.append([(p.name, value) for value in values or [start]])
-    return tuple(dict(trial) for trial in itertools.islice(itertools.product(*grids), MOST_TRIALS))
+    return tuple(dict(trial) for trial in itertools.product(*grids))

@@ -1,78 +1,63 @@
-"""The estimation problem of a diagnosis: the model of an axis with parameters for each run, data sets, and priors.
+"""The estimation problem of a diagnosis: the model of an axis, data sets, priors, and initial conditions of runs.
 
-The parameters of the model itself are fitted first (calibration), those from finite elements within their uncertainty.
+The initial conditions of a run are its trigger delay, amplitudes of modes, slow states, and reversal voltages.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from flexdesign import effects
+from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Model
+from flexdesign.core.model import Block, Model, Observation, Parameter
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
-from flexdesign.diagnosis.preparation.initial_conditions import (
-    grid_delay,
-    grid_frequency,
-    initial_conditions,
-    modes,
-    prior_of_initial_condition,
-    relaxing,
-    with_initial_conditions,
-)
-from flexdesign.diagnosis.preparation.windows import is_very_long, windows
-from flexdesign.dynamics.axis.axis_model import STEPS_PER_PERIOD, AxisDynamics
+from flexdesign.dynamics.axis.axis_model import REVERSALS, STEPS_PER_PERIOD, TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import (
     HYSTERESIS_PARAMETERS,
     LINEAR_PARAMETERS,
+    TRIGGER,
     is_beyond_sampling,
     stroke_of,
 )
+from flexdesign.dynamics.signal_chain.partial_fractions import parts
+from flexdesign.dynamics.stage_dynamics import chain
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
-from flexdesign.estimation.criterion import INDISTINGUISHABLE, WORSE
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION, linearise
+from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
-    escape,
     evaluate_fit,
     fit_initial_states,
-    fit_model,
-    solve_case,
 )
-from flexdesign.estimation.model_selection.forward_selection import GROSS_MISFIT
 from flexdesign.estimation.model_selection.model_comparison import difference
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import Whitening
-from flexdesign.measurements.recordings import Run
+from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: Largest error of a prediction, as a share of the noise; and its limits, as shares of the stroke. The rms error is a
-#: tenth of the largest or so: chi^2 of ten thousand samples is then off by one.
-PREDICTION_ERROR, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.1, 1e-6, 1e-4
+#: Largest error of a prediction, as a share of the noise, and of the stroke. The rms error is a tenth of the largest or
+#: so: chi^2 of ten thousand samples is then off by one.
+PREDICTION_ERROR, COARSEST_TOLERANCE = 0.1, 1e-4
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
 #: for [s], or of a twentieth of a period of a slow mode.
 MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
+#: Standard deviations of the priors: of a trigger delay in samples, of a reversal voltage as a share of the largest
+#: command, and of the amplitude of a mode as a share of the stroke.
+TRIGGER_DEVIATION, REVERSAL_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
 #: Largest trigger delay of a run, in standard deviations of its prior, in the model as designed and if there is only
 #: one run: otherwise the trigger delay would stand for a lag that the model lacks. Several runs may share a delay.
 PRIOR_BOUND = 4.0
 #: Plausible relative change of a parameter without a prior.
 PLAUSIBLE_CHANGE = 0.3
-#: Remarks if the intersample behaviour is not stated, by the behaviour that fits better than straight lines.
-INTERPOLATION_TEXTS = {
-    "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
-    "hold": (
-        "nobody says what the command does between its samples: that it is held fits better than straight lines, which "
-        'would need a delay of half a sample; if it is held, write between_samples = "hold" in measurements.toml'
-    ),
-}
 
 
 @contextmanager
@@ -80,37 +65,6 @@ def simulating(threads: int = 2) -> Iterator[ParallelMap]:
     """Yield a map over a number of threads; linear algebra has one thread, as more slow down small matrices."""
     with threadpool_limits(1), shared_pool(threads) as each:
         yield each
-
-
-def choose_interpolation(
-    model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
-) -> DiagnosisData:
-    """Return the data set with the intersample behaviour that fits better, for commands for which none is stated.
-
-    A measured command is smooth: straight lines reduce a sine of frequency w by the factor (w h)^2 / 12, which looks
-    like a lag or a further mode. A command that was sent is often held: straight lines are half a sample early, which
-    looks like a delay.
-    """
-    if all(run.between_is_stated for run in data.runs):
-        return data
-    progress("asking what commands do between their samples")
-    alternative, fits = replace(data, runs=tuple(map(_interpolated_otherwise, data.runs))), list[FittedModel]()
-    for variant in (data, alternative):
-        searched = windows(variant, {}) if is_very_long(variant) else variant
-        dynamics, task = case_of(model, searched, each, lambda _: None)
-        if (fit := fit_model(task, dynamics, effort=CALIBRATION)) is None:
-            return data
-        fits.append(fit)
-    critical = INDISTINGUISHABLE * max(fits[0].scale, 1.0)
-    return alternative if fits[1].cost < fits[0].cost - critical else data
-
-
-def _interpolated_otherwise(run: Run) -> Run:
-    """Return a run with a command that is not linear between its samples, unless the behaviour is stated."""
-    if run.between_is_stated:
-        return run
-    shape: Literal["hold", "smooth"] = "hold" if run.command_is == "dac" else "smooth"
-    return replace(run, between_samples=shape, remarks=(*run.remarks, INTERPOLATION_TEXTS[shape]))
 
 
 def _from_rest(axis: AxisModel) -> AxisModel:
@@ -130,12 +84,11 @@ def case_of(
     slow = math.ceil(max(data.periods) / step)
     is_fast = slow <= 2 * STEPS_OF_SCREENING
     screening, fine = STEPS_OF_SCREENING if is_fast else slow, max(MOST_STEPS, 2 * slow)
-    exact = float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     dynamics = AxisDynamics(
         data.name,
         _from_rest(data.axis),
         max_command,
-        tolerance=exact,
+        tolerance=float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, TOLERANCE, COARSEST_TOLERANCE)),
         delay=model.controller.delay,
         finest=fine,
         margin=1,
@@ -207,75 +160,6 @@ def with_calibrated_conditions(
     return replace(with_initial_conditions(task, model, noise), prepared=prepared)
 
 
-# --- calibration -----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class CalibratedTask:
-    """A task with its calibrated model, to which effects are added.
-
-    Parameters
-    ----------
-    task
-        The task, with the free parameters that the runs show, and the initial conditions of the calibrated model.
-    nominal, fit, calibrated
-        The model as designed, the fit of its parameters, and the one of both that is kept.
-    undetermined
-        Parameters of the model that the runs do not show.
-    is_refused
-        Whether calibration increased the validation error, so that the design values are kept.
-    """
-
-    task: EstimationTask
-    nominal: FittedModel
-    fit: FittedModel
-    calibrated: FittedModel
-    undetermined: tuple[str, ...]
-    is_refused: bool
-
-    @property
-    def origins(self) -> tuple[FittedModel, ...]:
-        """Further fits from which effects are added: at a gross misfit, calibration may have imitated an effect."""
-        return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
-
-
-def calibrate_task(
-    data: DiagnosisData,
-    task: EstimationTask,
-    dynamics: AxisDynamics,
-) -> CalibratedTask:
-    """Fit the parameters of the model itself, and prepare the task for added effects.
-
-    Raises
-    ------
-    InputError
-        If the model cannot be simulated at the values it has.
-    """
-    task.progress("predicting with the model as it is")
-    held = find_undetermined(task, dynamics)
-    task = replace(task, free=tuple(name for name in task.free if name not in held))
-    nominal = evaluate_design(replace(task, prior_bound=PRIOR_BOUND), dynamics)
-    task.progress("calibrating")
-    fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
-    if fit is not None:  # the ringing of a mode follows from its calibrated frequency and damping
-        task = with_calibrated_conditions(task, cast(AxisDynamics, fit.model), data.rounded(fit))
-        fit = fit_model(task, fit.model)
-    if fit is None:
-        raise _not_simulated(dynamics)
-    fit = escape(task, fit) if fit.exceeds_noise else fit
-    increase = fit.validation_chi2 - nominal.validation_chi2
-    is_refused = (
-        bool(task.validate.records)
-        and data.error(fit) > WORSE * data.error(nominal)
-        and increase > INDISTINGUISHABLE * fit.discrepancy
-    )
-    if is_refused or fit.scale > GROSS_MISFIT:
-        nominal = evaluate_design(with_calibrated_conditions(task, dynamics, data.rounded(nominal)), nominal.model)
-    calibrated = nominal if is_refused else fit
-    task = replace(task, calibrated_excess=calibrated.excess)
-    return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
-
-
 def evaluate_design(task: EstimationTask, model: Model, effects: tuple[Candidate, ...] = ()) -> FittedModel:
     """Return a fit of the initial conditions alone, with the parameters of the model and of its added effects held.
 
@@ -296,20 +180,113 @@ def evaluate_design(task: EstimationTask, model: Model, effects: tuple[Candidate
         solution = linearise(problem, problem.where.start)
         if solution is not None and (fit := evaluate_fit(task, solution, effects)) is not None:
             return fit
-    raise _not_simulated(cast(AxisDynamics, model))
+    raise not_simulated(cast(AxisDynamics, model))
 
 
-def _not_simulated(model: AxisDynamics) -> InputError:
+def not_simulated(model: AxisDynamics) -> InputError:
+    """Return the error of a model that cannot be simulated."""
     return InputError("model", f"axis.{model.name}", None, "cannot be simulated at the values it has")
 
 
-def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = None) -> FittedModel | None:
-    """Fit the parameters of the model itself from their present values.
+# --- initial conditions ----------------------------------------------------------------------------------------------
 
-    If the design with fitted initial states explains more than that fit, the fit starts from there as well. Random
-    starts in the plausible ranges are not used: with measured recordings they led to the same minimum.
+
+def prior_of_initial_condition(
+    parameter: Parameter, runs: Sequence[Run], max_command: float, model: Model
+) -> tuple[float, float] | None:
+    """Return the prior of a parameter of one run: trigger delay, reversal voltage, or deviation of a strength.
+
+    None if the parameter has no prior.
     """
-    solution = solve_case(task, model, effort=CALIBRATION)
-    if nominal is not None and (solution is None or nominal.cost < solution.cost):
-        solution = solve_case(task, nominal.model, effort=CALIBRATION) or solution
-    return None if solution is None else evaluate_fit(task, solution, ())
+    run, _, number = parameter.name.rpartition(":")
+    if number in (by_run := cast(AxisDynamics, model).by_run):
+        return 0.0, by_run[number]
+    if number == TRIGGER:
+        return 0.0, TRIGGER_DEVIATION * next(each.period for each in runs if each.name == run)
+    if number in REVERSALS:
+        return REVERSALS[number] * max_command, REVERSAL_DEVIATION * max_command
+    return None
+
+
+@dataclass(frozen=True)
+class InitialConditions:
+    """Nuisance columns of unknown initial conditions: offset, ringing of modes, relaxation of slow states.
+
+    Parameters
+    ----------
+    modes
+        Frequency [Hz] and damping ratio of each mode.
+    slow
+        Time constants [s] of slow states, and the standard deviation of each [strokes].
+    stroke
+        Gain times the largest command [response].
+    """
+
+    modes: tuple[tuple[float, float], ...]
+    slow: tuple[tuple[float, float], ...]
+    stroke: float
+
+    def __call__(self, observation: Observation) -> tuple[Array, Array]:
+        """Return the columns, samples by k, and their standard deviations [response]; a frequency response has none."""
+        if isinstance(observation, FrequencyResponse):
+            return np.zeros((len(observation.measured()), 0)), np.zeros(0)
+        run = cast(Run, observation)
+        t = run.time - run.time[0]
+        columns = [np.ones_like(t)]
+        for frequency, damping_ratio in self.modes:
+            w = 2 * math.pi * frequency
+            damped, decay = w * math.sqrt(max(1 - damping_ratio**2, 0.0)), np.exp(-damping_ratio * w * t)
+            columns += [decay * np.cos(damped * t), decay * np.sin(damped * t)]
+        columns += [np.exp(-t / tau) for tau, _ in self.slow]
+        ringing = 2 * len(self.modes) * [RINGING_DEVIATION * self.stroke]
+        sizes = [math.inf, *ringing, *(share * self.stroke for _, share in self.slow)]
+        return np.column_stack(columns), np.array(sizes)
+
+    def at(self, model: Model) -> InitialConditions:
+        """Return the initial conditions with the modes of a model, if it is linear and has the same number of modes.
+
+        A nonlinear effect changes the frequency of ringing with amplitude; the calibrated mode is then nearer. Slow
+        states stay as they are.
+        """
+        axis = cast(AxisDynamics, model).axis
+        is_linear = all(effects.find(name).is_linear for name in axis.effects)
+        present = modes(axis) if is_linear else self.modes
+        return replace(self, modes=present) if len(present) == len(self.modes) else self
+
+
+def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:
+    """Return the initial conditions of runs of an axis; `stroke` is its gain times the largest command [response]."""
+    return InitialConditions(modes(axis), tuple(relaxing(axis)), stroke)
+
+
+def modes(axis: AxisModel) -> tuple[tuple[float, float], ...]:
+    """Return frequency [Hz] and damping ratio of the modes of an axis with its effects, linear forces among them."""
+    swinging = [(math.sqrt(part.a0), part.a1) for part in parts(chain("", axis)) if part.a0 > 0]
+    return tuple((w / (2 * math.pi), decay / (2 * w)) for w, decay in swinging)
+
+
+def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
+    """Return time constants [s] and sizes [strokes] of the slow linear states that the effects of an axis have."""
+    found = list[tuple[float, float]]()
+    for name, values in axis.effects.items():
+        effect = effects.find(name)
+        if not effect.is_null(values):
+            blocks = (face for face in effect.faces if isinstance(face, Block))
+            found += [pair for block in blocks if block.relaxing for pair in block.relaxing(values)]
+    return found
+
+
+def with_initial_conditions(
+    task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None
+) -> EstimationTask:
+    """Return the task with the initial conditions that a model has, and perhaps with other noise."""
+    shapes = initial_conditions(model.axis, model.stroke)
+    identify, validate = (dataset.with_shapes(shapes, noise) for dataset in (task.identify, task.validate))
+    test = task.test.with_shapes(shapes, noise) if task.test else None
+    return replace(task, identify=identify, validate=validate, test=test)
+
+
+def offset_rms(dynamics: AxisDynamics, runs: Sequence[Run]) -> float:
+    """Return the rms residual of runs if only their offsets are fitted [response]."""
+    residuals = [run.measured() - replace(dynamics, apart=(), own={}).predict(run) for run in runs]
+    return float(np.sqrt(np.nanmean(np.concatenate([residual - np.nanmean(residual) for residual in residuals]) ** 2)))

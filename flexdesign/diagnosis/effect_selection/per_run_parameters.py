@@ -62,15 +62,17 @@ class ByRun:
 
 def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return the fit with strengths that differ from run to run if the runs call for that; else the same fit."""
-    runs, tested = _runs(task, fit), _varying(fit)
-    level = LEVEL / max(len(tested), 1)
-    for effect in tested if runs else ():
+    tested = [
+        effect  # linear ones without a parameter of each run
+        for effect in fit.effects
+        if not effect.has_own_trials
+        and (strength := parameter_of(fit.model, effect.strength)).scale == "linear"
+        and not strength.twin
+    ]
+    for effect in tested if (runs := _runs(task, fit)) else ():
         common = parameter_of(fit.model, effect.strength).start or 0.0
-        gain, values = _score(fit, fit.solution.columns()[effect.strength], runs, common)
-        if gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
-            made = _fit(task, fit, fit.model, fit.effects, effect.strength, values)
-            if made is not None and _is_needed(task, fit, made, effect.strength, level):
-                fit = made
+        gain, own = _score(fit, fit.solution.columns()[effect.strength], runs, common)
+        fit = _varied(task, fit, fit.model, fit.effects, effect.strength, gain, own, LEVEL / len(tested)) or fit
     return fit
 
 
@@ -90,21 +92,9 @@ def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidat
         if candidate.name not in known and _adds(candidate):
             made = _with(task, before, candidate, runs, LEVEL / len(candidates))
             varied += [] if made is None else [compare(task, before, made, (candidate.name,), score)]
-    if not varied:
-        return step
     names = [trial.names for trial in varied]
     trials = rank([*varied, *(t for t in step.trials if t.names not in names)])
-    return Step(best_of(task, trials), tuple(trials))
-
-
-def _varying(fit: FittedModel) -> list[Candidate]:
-    """Return the effects whose strength may differ from run to run: linear ones without a parameter of each run."""
-    varying = []
-    for effect in (effect for effect in fit.effects if not effect.has_own_trials):
-        parameter = parameter_of(fit.model, effect.strength)
-        if parameter.scale == "linear" and not parameter.twin:
-            varying.append(effect)
-    return varying
+    return Step(best_of(task, trials), tuple(trials)) if varied else step
 
 
 def _adds(candidate: Candidate) -> bool:
@@ -147,52 +137,58 @@ def _with(
     task: EstimationTask, fit: FittedModel, candidate: Candidate, runs: Sequence[str], level: float
 ) -> FittedModel | None:
     """Return the fit with an effect that differs from run to run; None if the runs do not call for it."""
-    solution, values = fit.solution, candidate.trials[0]
-    model = candidate.add(fit.model)
+    values, model, dataset = candidate.trials[0], candidate.add(fit.model), fit.solution.problem.dataset
     try:
-        at, dataset = model.replace(values), solution.problem.dataset
+        at = model.replace(values)
         pairs = [(r, np.asarray(at.predict(r.observation)) - fit.model.predict(r.observation)) for r in dataset.records]
     except InputError:  # it needs a column that was not recorded
         return None
-    changes = [dataset.whitened(record, change) for record, change in pairs]
-    gain, own = _score(fit, [-move / values[candidate.strength] for move in changes], runs, 0.0)
-    if gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
-        return None
-    made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, own)
-    return made if made is not None and _is_needed(task, fit, made, candidate.strength, level) else None
+    columns = [-dataset.whitened(record, change) / values[candidate.strength] for record, change in pairs]
+    gain, own = _score(fit, columns, runs, 0.0)
+    return _varied(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, gain, own, level)
 
 
-def _fit(
+def _varied(
     task: EstimationTask,
-    fit: FittedModel,
+    before: FittedModel,
     model: Model,
     together: tuple[Candidate, ...],
     name: str,
+    gain: float,
     own: Mapping[str, float],
+    level: float,
 ) -> FittedModel | None:
-    """Return the fit in which a strength differs from run to run, by about its own size (a weak prior)."""
+    """Return the fit in which a strength differs from run to run, by about its own size (a weak prior).
+
+    None if fitted and validation runs do not call for the values `own` of each run, which promise a gain.
+    """
+    if gain < max(float(chdtri(len(own), level)), SHARE * before.excess):
+        return None
     task.progress(f"asking whether {name} differs from run to run")
     values = np.array(list(own.values()))
     mean, size = float(values.mean()), float(np.sqrt(np.mean(values**2)))
     model = cast(AxisDynamics, model)
-    low, high = parameter_of(model, name).plausible
     start = {f"{run}:{name}": value - mean for run, value in own.items()}
-    varied = replace(model.replace({name: min(max(mean, low), high)}), by_run={**model.by_run, name: size})
-    return fit_model(task, varied.replace(start), together)
-
-
-def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, name: str, level: float) -> bool:
-    """Tell whether fitted and validation runs call for their own values of a strength."""
+    varied = replace(
+        model.replace({name: float(np.clip(mean, *parameter_of(model, name).plausible))}),
+        by_run={**model.by_run, name: size},
+    )
+    if (after := fit_model(task, varied.replace(start), together)) is None:
+        return None
     scored = task.scored or task.validate.names
     errors = [fit.rms(scored, task.scales) for fit in (before, after)]
-    own = [p.run for p in after.model.parameters() if p.name.endswith(f":{name}")]
-    dof = [len({*own} & {*dataset.names}) for dataset in (task.identify, task.validate)]
-    return (
-        before.fitted_chi2 - after.fitted_chi2 > float(chdtri(dof[0], level)) * after.discrepancy
+    runs = {p.run for p in after.model.parameters() if p.name.endswith(f":{name}")}
+    fitted, validated = (
+        float(chdtri(len(runs & {*dataset.names}), level)) * after.discrepancy
+        for dataset in (task.identify, task.validate)
+    )
+    is_needed = (
+        before.fitted_chi2 - after.fitted_chi2 > fitted
         and explained_share(errors[0], errors[1], task.noise_rms) > SHARE
         and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
-        and _predicted_gain(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
+        and _predicted_gain(task, after, name) > validated
     )
+    return after if is_needed else None
 
 
 # --- cross-validation -----------------------------------------------------------------------------------------------

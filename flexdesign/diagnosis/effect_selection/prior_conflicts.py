@@ -19,8 +19,7 @@ from flexdesign import effects
 from flexdesign.core.errors import join_names
 from flexdesign.core.model import Parameter, parameter_of
 from flexdesign.diagnosis.effect_selection.candidates import SHOWN_BY_MASS
-from flexdesign.diagnosis.preparation import quantisation_noise
-from flexdesign.diagnosis.preparation.dataset import DiagnosisData
+from flexdesign.diagnosis.preparation.dataset import GRID_TOLERANCE, DiagnosisData
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics import stage_dynamics as stages
@@ -33,8 +32,6 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import is_relevant
 
-#: A run determines its trigger delay if the fit reduces the standard deviation of the prior by this factor.
-SHOWN_DEVIATION = 0.5
 #: Sensors and amplifiers are out of calibration by percents. A gain beyond this factor, up or down, is a wrong unit, a
 #: wrong channel or physics that the model lacks.
 CALIBRATION_LIMIT = 2.0
@@ -263,19 +260,16 @@ def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]
 
 def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     """Return the conflict of a trigger delay, or a lead, that all runs have in common; None if there is none."""
-    where = fit.solution.problem.where
-    sigma = np.sqrt(np.maximum(np.diag(fit.solution.covariance), 0.0))
-    late, places, jitter = [], list[int](), 0.0
-    for j, parameter in enumerate(where.parameters):
-        before = where.known.get(parameter.name, (0.0, math.inf))[1]
-        if parameter.name.endswith(f":{TRIGGER}") and sigma[j] < SHOWN_DEVIATION * before:
-            late.append(float(fit.solution.x[j]))
-            places.append(j)
-            jitter = max(jitter, before)
-    if len(late) < 2:
+    where, variances = fit.solution.problem.where, np.diag(fit.solution.covariance)
+    priors = [where.known.get(name, (0.0, math.inf))[1] for name in where.names]
+    places = [  # of runs that say more of their delay than the prior does
+        j for j, name in enumerate(where.names) if name.endswith(f":{TRIGGER}") and 2 * variances[j] < priors[j] ** 2
+    ]
+    if (count := len(places)) < 2:
         return None
-    mean, error = float(np.mean(late)), jitter / math.sqrt(len(late))
-    if mean < -CONFLICT * error:
+    late, jitter = fit.solution.x[places], max(priors[j] for j in places)
+    mean, least = float(np.mean(late)), CONFLICT * jitter / math.sqrt(count)
+    if mean < -least:
         words = (
             f"all runs began early, by {-1e3 * mean:.3g} ms in the mean: the reading answers before the command, so "
             "that their columns are shifted against each other"
@@ -284,28 +278,20 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
         if any(run.between_samples == "hold" and run.between_is_stated for run in data.runs):
             words += ", or the command was not held between its samples, as `between_samples` says"
         return Conflict(words, number=TRIGGER)
-    if mean <= CONFLICT * error:
-        return None
-    limits = [where.parameters[j].plausible for j in places]
-    if np.isclose(late, [high for _, high in limits], rtol=1e-6, atol=0.0).any():  # by how much is then unknown
-        words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean, the most that is plausible"
-        return Conflict(words, number=TRIGGER)
-    # Runs with less jitter than the prior determine their common delay better.
-    error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
-    half = float(stdtrit(len(late) - 1, 0.975)) * error  # a few runs hardly determine the scatter
-    # Common errors, such as that of the natural frequency, do not scatter between runs.
-    average = np.zeros(len(where.names))
-    average[places] = 1 / len(places)
-    half = max(half, fit.half_width_of(average))
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
+    if mean > least and np.isclose(late, [where.parameters[j].plausible[1] for j in places], rtol=1e-6, atol=0).any():
+        return Conflict(f"{words}, the most that is plausible", number=TRIGGER)  # by how much is then unknown
+    # Runs with less jitter than the prior determine their common delay better; a few hardly determine the scatter.
+    half = float(stdtrit(count - 1, 0.975) * np.std(late, ddof=1)) / math.sqrt(count)
+    # Common errors, such as that of the natural frequency, do not scatter between runs.
+    half = max(half, fit.half_width_of(np.isin(np.arange(len(priors)), places) / count))
+    if mean <= max(least, half):
+        return None
     # If the command is the voltage at the stack, only the sensor can have a delay.
     effect, number = ("sensor_delay", SENSOR_DELAY) if data.is_at_stack else ("transport_delay", DELAY)
     parameter = parameter_of(fit.model, number)
     total = (parameter.start or 0.0) + mean
-    interval = (total - half, total + half)
-    if mean <= half:
-        return None
-    named = IdentifiedEffect(effect, (Value(parameter, total, interval),), 0.0)
+    named = IdentifiedEffect(effect, (Value(parameter, total, (total - half, total + half)),), 0.0)
     return Conflict(words, (effect,), named, lambda model: model.replace({number: total}), TRIGGER)
 
 
@@ -316,7 +302,7 @@ def _quantisation(data: DiagnosisData) -> Conflict | None:
         return None
     p = effects.find("quantisation").parameters[0]
     readings = np.concatenate([run.measured() for run in data.runs])
-    error = quantisation_noise.GRID_TOLERANCE * step / len(np.unique(readings[np.isfinite(readings)]))
+    error = GRID_TOLERANCE * step / len(np.unique(readings[np.isfinite(readings)]))
     rms = step / math.sqrt(12)
     is_irrelevant = data.is_asked and rms < data.tolerance
     named = IdentifiedEffect("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)

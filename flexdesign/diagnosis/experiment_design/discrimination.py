@@ -13,6 +13,7 @@ import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.effect_selection.estimation_setup import modes
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.effect_strength import (
     EffectAtStrength,
@@ -23,7 +24,6 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
 )
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, other_excitations, suite_of
 from flexdesign.diagnosis.experiment_design.limits import dynamics, of_axis
-from flexdesign.diagnosis.preparation.initial_conditions import modes
 from flexdesign.diagnosis.result import Diagnosis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 

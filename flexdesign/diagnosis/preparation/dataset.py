@@ -11,7 +11,6 @@ import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.preparation import quantisation_noise
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
@@ -19,7 +18,7 @@ from flexdesign.dynamics.axis.axis_parameters import HYSTERESIS_PARAMETERS, LINE
 from flexdesign.dynamics.axis.axis_run import is_at_stack, measured_stroke, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, Whitening, burg
 from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise
 from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
@@ -27,10 +26,13 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run, split, sp
 #: An effect must change a prediction by this share of the noise, or of the stroke if that is less or the noise is
 #: unknown. If the noise is unknown, a residual below the latter counts as zero.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
-#: The largest command of an axis without a stated limit [V].
-UNLIMITED_COMMAND = 100.0
-#: Number of values in which very long recordings are searched; from as many on, runs are tested for oversampling.
-SAMPLES_SEARCHED = 12_000
+#: Number of values above which recordings are very long: each further hundred thousand would take minutes. They are
+#: searched in the second number of values; from as many on, runs are tested for oversampling.
+VERY_LONG, SAMPLES_SEARCHED = 100_000, 12_000
+#: Readings come in whole steps if each level is within this share of a step of a grid.
+GRID_TOLERANCE = 0.05
+#: How often rounding is drawn, with another noise and another grid each time.
+NOISE_DRAWS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,17 @@ class DiagnosisData:
         if not self.runs:
             return None
         readings = np.concatenate([run.measured() for run in self.runs])
-        return quantisation_noise.coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
+        return coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
+
+    @property
+    def values(self) -> int:
+        """Number of values in time; the parts of one recording count once."""
+        return sum(len(run.time) for run in {run.name.partition(":")[0]: run for run in self.runs}.values())
+
+    @property
+    def is_very_long(self) -> bool:
+        """Whether effects are searched in windows."""
+        return self.values > VERY_LONG
 
     def rounded(self, fit: FittedModel) -> Whitening | None:
         """Return the noise with the rounding of the predicted motion, if readings come in coarse steps; else None.
@@ -120,16 +132,15 @@ class DiagnosisData:
         """
         if self.coarse_step is None:
             return None
-        predicted = {run.name: run for run in self.runs if run.name in fit.residuals_by_run}
-        rounding = quantisation_noise.add_rounding(
-            predicted, self.noise.whitening, fit.residuals_by_run, self.coarse_step
-        )
-        noise = ColouredNoise(
-            {
-                run.name: (rounding if run.name in predicted else self.noise.whitening).process(run.name)
-                for run in self.runs
-            }
-        )
+        processes = dict[str, Process]()
+        for run in self.runs:
+            process, residual = self.noise.whitening.process(run.name), fit.residuals_by_run.get(run.name)
+            processes[run.name] = (
+                process
+                if residual is None
+                else rounding_noise(run.measured() - residual, process.rms, self.coarse_step)
+            )
+        noise = ColouredNoise(processes)
         return Mixed(noise, self.lines) if self.lines else noise
 
     def of(self, role: str) -> list[Run]:
@@ -182,9 +193,7 @@ class DiagnosisData:
         driven = [float(np.abs(run.command()).max()) for run in self.runs]
         driven += [abs(each.bias) + (each.amplitude or 0.0) for each in self.responses]
         if not self.runs:
-            driven += [abs(limit) for limit in stages.command_limits(self.axis) if math.isfinite(limit)] or [
-                UNLIMITED_COMMAND
-            ]
+            driven += [abs(limit) for limit in stages.command_limits(self.axis) if math.isfinite(limit)]
         return max(driven) or 1.0
 
     @property
@@ -316,3 +325,50 @@ def of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
 
 def _priors(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return axis.prior([*LINEAR_PARAMETERS, *(HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in axis.effects else ())])
+
+
+# --- readings in coarse steps ----------------------------------------------------------------------------------------
+
+
+def coarse_step(readings: Array, noise: float, resolution: float) -> float | None:
+    """Return the step of readings that come in whole steps, larger than noise and resolution; else None.
+
+    Parameters
+    ----------
+    readings
+        Of all runs [response]; NaN at gaps.
+    noise, resolution
+        Rms noise, and what the sensor is stated to resolve [response].
+    """
+    levels = np.unique(readings[np.isfinite(readings)])
+    gaps = np.diff(levels)
+    step = float(np.median(gaps)) if len(gaps) else 0.0
+    if step <= max(noise, 2 * resolution):
+        return None
+    counts = np.round(gaps / step)
+    if np.abs(gaps / step - counts).max() > GRID_TOLERANCE:
+        return None
+    # The levels lie on a line whose slope is the step, which a file that rounds its readings shows no gap of.
+    return float(np.polyfit(np.concatenate([[0.0], np.cumsum(counts)]), levels, 1)[0])
+
+
+def rounding_noise(motion: Array, noise: float, step: float) -> Process:
+    """Return the noise that rounding makes of a motion: no white noise, and a fit would see effects in it.
+
+    Parameters
+    ----------
+    motion
+        As it is predicted, n values [response]; NaN at gaps.
+    noise, step
+        Rms noise of the readings, most of which is rounding where steps are coarse; and the step [response].
+    """
+    rng, errors = np.random.default_rng(0), list[Array]()
+    beneath = min(noise, step / math.sqrt(12))  # rounding hides what is smaller than its own noise
+    for _ in range(NOISE_DRAWS):
+        disturbed = motion + rng.uniform(0, step)  # where the grid lies beneath an unknown offset is drawn, too
+        error = step * np.round((disturbed + beneath * rng.standard_normal(len(motion))) / step) - disturbed
+        errors.append(error[np.isfinite(error)])
+    errors = [error - np.mean(errors) for error in errors]
+    process = Process(burg(errors, int(10 * np.log10(len(motion)))), 1.0)
+    innovations = np.concatenate([process.whiten(error[:, None]) for error in errors])
+    return replace(process, sigma=float(np.sqrt(np.mean(innovations**2))))

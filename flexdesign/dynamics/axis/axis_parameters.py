@@ -135,8 +135,8 @@ def frequency_scale(first: AxisModel, highest: float) -> float:
 def of_catalogue(parameter: Parameter, stroke: float, max_command: float) -> float:
     """Return by how much the catalogue's values of a parameter, for its stroke and voltage, are larger on this axis."""
     return float(
-        (stroke / CATALOGUE_STROKE) ** _power("m", parameter.si)
-        * (max_command / CATALOGUE_VOLTS) ** _power("V", parameter.si)
+        (stroke / CATALOGUE_STROKE) ** power_in("m", parameter.si)
+        * (max_command / CATALOGUE_VOLTS) ** power_in("V", parameter.si)
     )
 
 
@@ -199,10 +199,10 @@ def _damping(name: str, meaning: str, value: float) -> Parameter:
     return Parameter(name, "1", "", meaning, plausible=(1e-4, max(2.0, 3 * value)), scale="log")
 
 
-def _power(base: str, si: str) -> int:
+def power_in(base: str, si: str) -> int:
     """Return the power of a base unit in a unit of the catalogue.
 
-    >>> [_power("m", si) for si in ("m/V", "1/m^2", "1/V", "Hz", "m/V^2")], _power("V", "m/V^2")
+    >>> [power_in("m", si) for si in ("m/V", "1/m^2", "1/V", "Hz", "m/V^2")], power_in("V", "m/V^2")
     ([1, -2, 0, 0, 1], -2)
     """
     above, _, below = si.partition("/")

@@ -6,11 +6,11 @@ Steps forward are those of `forward_selection`. Miller, Subset Selection in Regr
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from scipy.special import chdtri
 
-from flexdesign.estimation.criterion import LEVEL, critical_value
+from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -30,6 +30,52 @@ from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Largest number of effects in a group of confounded effects.
 LARGEST_GROUP = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionHistory:
+    """The course of a selection, from the design to the last effect.
+
+    Parameters
+    ----------
+    nominal, calibration
+        The fit of the initial conditions alone, with the design values; and the fit after calibration.
+    fits
+        The fit after each step that added effects.
+    steps
+        The steps with their trials; the last step added nothing.
+    undetermined
+        Parameters that the runs do not determine: they keep their design values, defaults or fitted values.
+    is_refused
+        Whether calibration increased the validation error, so that the design values were kept.
+    """
+
+    nominal: FittedModel
+    calibration: FittedModel
+    fits: tuple[FittedModel, ...]
+    steps: tuple[Step, ...]
+    undetermined: tuple[str, ...] = ()
+    is_refused: bool = False
+
+    @property
+    def levels(self) -> tuple[FittedModel, ...]:
+        """The fits from the calibrated model on, each with further effects."""
+        return (self.calibration, *self.fits)
+
+    @property
+    def final(self) -> FittedModel:
+        """The last fit."""
+        return self.levels[-1]
+
+    def levels_to(self, named: FittedModel) -> tuple[FittedModel, ...]:
+        """Return the fits from the calibrated one to `named`, whose effects are named."""
+        place = next(i for i, fit in enumerate(self.levels) if {*named.names} <= {*fit.names})
+        return (*self.levels[:place], named)
+
+    def refused_beyond(self, named: FittedModel) -> tuple[FittedModel, ...]:
+        """Return the fits with further effects than `named` that explain a share with evidence but are not named."""
+        trials = [trial for step in self.steps for trial in step.trials if {*named.names} < {*trial.fit.names}]
+        return tuple(trial.fit for trial in trials if trial.gain >= trial.critical_gain and trial.share >= SHARE)
 
 
 def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> FittedModel:

@@ -10,11 +10,11 @@ from flexdesign.core import units
 from flexdesign.core.errors import join_names
 from flexdesign.core.model import ACTUATORS
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
-from flexdesign.diagnosis.effect_selection.estimation_setup import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.experiment_design import Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import Proposal
-from flexdesign.diagnosis.preparation.windows import SEARCHED
+from flexdesign.diagnosis.procedure import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
+from flexdesign.diagnosis.windowed_selection import SEARCHED
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
 from flexdesign.estimation.criterion import HALF_WIDTH, OVERSTATED, large_share

@@ -11,7 +11,7 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.diagnosis.comparison import holds
-from flexdesign.diagnosis.preparation.frequencies import cross_spectra
+from flexdesign.diagnosis.preparation.spectra import cross_spectra
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
 WIDTH = 7.2

@@ -1,35 +1,106 @@
-"""Frequencies at which something unknown may act: further modes, and periodic disturbances.
+"""Spectra of recordings: oversampled runs, and frequencies at which something unknown may act.
 
-A lightly damped mode is narrower than the grid of the catalogue, so that no fit that starts from the grid comes to it:
-peaks of what a calibrated model does not predict are tried (peak picking). A quiet record shows mains hum or a floor
-that moves, unless there is none, or readings come in steps so coarse that they hide a sinusoid or show its harmonics
-instead. The residual of records in motion is rounded at ever other places.
+*Oversampling.* A simulation takes a step or more in every sample, so that the time of a diagnosis grows with the
+sampling rate. The band that matters is that in which the response follows its command. It is found from the coherence:
+the coherent power above the band is negligible.
+
+*Modes and periodic disturbances.* A lightly damped mode is narrower than the grid of the catalogue, so that no fit that
+starts from the grid comes to it: peaks of what a calibrated model does not predict are tried (peak picking). A quiet
+record shows mains hum or a floor that moves, unless there is none, or readings come in steps so coarse that they hide a
+sinusoid or show its harmonics instead. The residual of records in motion is rounded at ever other places.
 
 Spectra are averaged over segments of records (Welch 1967).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 
+from flexdesign.core import units
 from flexdesign.core.arrays import Array, Complex
-from flexdesign.diagnosis.preparation.dataset import DiagnosisData
+from flexdesign.diagnosis.preparation.dataset import SAMPLES_SEARCHED, DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.autoregressive import stretches
 from flexdesign.estimation.noise.quiet_stretches import Stretch, remove_sinusoids
+from flexdesign.measurements.recordings import Run
+from flexdesign.measurements.recordings.run import commanded_by
 
 #: Number of peaks at which modes are tried.
 PEAKS_TRIED = 6
-#: The longest record is split into this number of segments: fewer leave the spectrum noisy, more make peaks wide. A
-#: segment has at least this number of samples.
-SEGMENTS, SHORTEST_SEGMENT = 4, 16
-#: A line in the residual is sought in records of at least this number of samples without a gap.
-FEWEST_SAMPLES = 200
+#: The longest record is split into this number of segments: fewer leave the spectrum noisy, more make peaks wide.
+SEGMENTS = 4
+#: Fewest samples in a period of the highest frequency that matters; fewer distort a sine. A segment has two periods.
+FEWEST_PER_PERIOD = 8
+
+
+# --- oversampling ----------------------------------------------------------------------------------------------------
+
+
+def oversampling_of(runs: Sequence[Run], axis: str, negligible: float) -> tuple[str, str] | None:
+    """Return by how much the runs of an axis are oversampled, and the remedy, each a sentence without its full stop.
+
+    None if they are not oversampled, are few, or are decimated already. A run no longer than a segment of the longest
+    has no say: all motion in it seems as fast as its lines are wide.
+
+    Parameters
+    ----------
+    runs
+        As they were recorded.
+    axis
+        Name of the response.
+    negligible
+        What counts as nothing, rms [response].
+    """
+    there = [run for run in runs if axis in run.columns]
+    samples, rates = sum(len(run.time) for run in there), [1 / run.period for run in there]
+    if samples <= SAMPLES_SEARCHED or any(run.noise_gain != 1 for run in there):
+        return None
+    longest = max(len(run.time) for run in there)
+    factors = [_factor(run, axis, negligible) for run in there if SEGMENTS * len(run.time) >= longest]
+    if (factor := min((factor for factor in factors if factor), default=1)) < 2:
+        return None
+    band = units.hertz(min(rates) / (FEWEST_PER_PERIOD * factor), 3)
+    return (
+        f"{axis} follows its command up to about {band} and is sampled at {units.hertz(max(rates), 5)}",
+        f"write decimate = {factor} in measurements.toml: one sample in {factor}, behind a low-pass, shows the same "
+        f"motion, and a diagnosis of {samples // factor} samples is about {factor} times as fast",
+    )
+
+
+def _factor(run: Run, axis: str, negligible: float) -> int | None:
+    """Return the decimation factor of a run; None if its command is constant or nothing follows it."""
+    column, values = commanded_by(axis, run.columns), run.columns[axis]
+    there = np.isfinite(values)
+    if column is None or not np.ptp(run.columns[column]) or not there.any():
+        return None
+    filled = np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])
+    if not (length := _segment_length(len(values))):
+        return 1
+    spectra = cross_spectra([(run.columns[column], filled - filled.mean())], run.period, length)
+    related = spectra.coherence > spectra.exceeded_by_chance(LEVEL)
+    power = np.where(related, spectra.coherent_power, 0.0) * spectra.frequencies[1]
+    above = np.cumsum(power[::-1])[::-1]
+    matters = np.flatnonzero(above > negligible**2)
+    if not len(matters):
+        return None
+    highest = float(spectra.frequencies[matters[-1]]) + float(spectra.frequencies[1])
+    return max(1, math.floor(1 / (run.period * FEWEST_PER_PERIOD * highest)))
+
+
+def _segment_length(samples: int) -> int:
+    """Return the number of samples in a segment of a record; zero if the record is too short for a spectrum."""
+    length = samples // SEGMENTS
+    return length if length >= 2 * FEWEST_PER_PERIOD else 0
+
+
+# --- frequencies of modes and lines -----------------------------------------------------------------------------------
 
 
 def mode_frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
@@ -47,7 +118,7 @@ def _of_runs(data: DiagnosisData, fit: FittedModel) -> list[tuple[float, float]]
 
     runs, model = data.of("identify"), cast(AxisDynamics, fit.model)
     longest = max(runs, key=lambda run: len(run.time))
-    if (length := len(longest.time) // SEGMENTS) < SHORTEST_SEGMENT:
+    if not (length := _segment_length(len(longest.time))):
         return []
     alike = [run for run in runs if abs(run.period / longest.period - 1) < 1e-6 and len(run.time) >= length]
     pairs = [(model.command(run), fit.residuals_by_run[run.name]) for run in alike]
@@ -83,7 +154,7 @@ def line_frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]
     found = set(seen)
     for period in sorted(set(periods.values())):
         parts = [_longest(name, fit.residuals_by_run[name]) for name, own in periods.items() if own == period]
-        long = [part for part in parts if len(part.values) >= FEWEST_SAMPLES and np.ptp(part.values) > 0]
+        long = [part for part in parts if _segment_length(len(part.values)) and np.ptp(part.values) > 0]
         if long:
             found |= {line.frequency for line in remove_sinusoids(long, period)[0]}
     return tuple(sorted(found))
