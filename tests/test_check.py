@@ -13,6 +13,7 @@ import pytest
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 import flexdesign as fd
+from flexdesign.diagnosis import command_segments
 from flexdesign.diagnosis.check import coverage, suspicion, timing
 from flexdesign.diagnosis.check.suspicion import outliers
 from flexdesign.measurements.recordings import FrequencyResponse, Run, write_run
@@ -67,7 +68,7 @@ def test_triangles_of_falling_heights_are_no_multisine() -> None:
     """Their spectrum is as wide as that of a multisine; and one of low frequencies is none of straight lines."""
     corners = np.array([0, 100, 0, 80, 0, 60, 0, 40, 0, 100, 0], dtype=float)
     loops = np.interp(T, np.linspace(0.25, 3.75, len(corners)), corners)
-    assert coverage._octaves(loops) >= coverage.BROAD_OCTAVES
+    assert coverage._is_broad(loops[::10])  # as fast as to have jumps in place of lines
     for u in (loops, np.round(loops, 2)):
         assert {"triangle", "quiet"} == set(coverage.kinds_of(run("a", u, reading(u))))
     ramps = np.interp(T, [0, 0.3, 1.5, 2.0, 3.4, 4.0], [0, 0, 100, 20, 90, 0])
@@ -136,10 +137,8 @@ def test_timing_is_never_told_wrongly(noise: float) -> None:
             ):
                 for method in ("foh", "zoh"):
                     found = timing.timing_of(run("a", u, reading(u, seed, method=method, noise=noise, f0=f0)), "x")
-                    if found is not None:
-                        assert not found.ahead
-                        assert found.held in (None, method == "zoh")
-                        told += found.held is not None
+                    assert found in (None, "held" if method == "zoh" else "linear")
+                    told += found is not None
     assert told > 20
 
 
@@ -218,9 +217,9 @@ def test_unknown_noise_one_size_and_no_validation() -> None:
     text = said(lone)
     assert "the noise of x is unknown" in text and "no run can be kept for validation" in text
     v = 60 + 50 * np.sin(2 * np.pi * 4.7 * T + 1)
-    assert "u has one size in all runs, 100 V peak to peak" in said(run("a", u, reading(u)), run("b", v, reading(v)))
+    assert "u has one size, 100 V peak to peak" in said(run("a", u, reading(u)), run("b", v, reading(v)))
     smaller = said(run("a", u, reading(u)), run("b", 0.8 * v, reading(0.8 * v)))
-    assert "u has nearly one size in all runs, 80 to 100 V peak to peak" in smaller
+    assert "u has nearly one size, 80 to 100 V peak to peak" in smaller
     assert check_report.table(fd.check([run("a", u, reading(u))])).rows[0][1] == "slow loops"  # a sine is no triangle
 
 
@@ -280,14 +279,16 @@ def test_a_slow_ramp_does_not_rest() -> None:
     rise = np.linspace(0, 90, 30000)
     for u, rests in ((np.r_[rise, rise[::-1]], set()), (np.r_[rise, np.full(2000, 90.0), rise[::-1]], {"quiet"})):
         assert set(coverage.kinds_of(run("a", u, u))) == {"triangle", *rests}
-        assert [end - first for first, end in coverage.resting(u)] == ([pytest.approx(2000, abs=100)] if rests else [])
+        assert [end - first for first, end in command_segments.rests(u)] == (
+            [pytest.approx(2000, abs=100)] if rests else []
+        )
 
 
 def test_what_is_shown_follows_from_the_experiments() -> None:
     quiet = run("a", np.full(N, 20.0), reading(np.full(N, 20.0)))
     step = Run(
         "b",
-        np.arange(15000) / RATE,
+        np.arange(15000) / 100,
         {"u": np.where(np.arange(15000) > 100, 50.0, 0.0), "x": np.zeros(15000)},
         {"u": "V", "x": "m"},
     )
@@ -316,10 +317,10 @@ def test_frequency_responses(tmp_path: Path, command_line: Callable[..., Any]) -
 def test_of_poor_lines_the_number_of_averages_is_asked_for_all_the_same() -> None:
     """Without it the coherence tells nothing of the noise."""
     f = np.arange(10.0, 300.0, 10.0)
-    poor = np.where(f < 60, 0.5, 1.0)
+    poor = np.where(f < 60, 0.4, 1.0)
     response = FrequencyResponse("sweep", f, 1e-6 / (1 - (f / 118) ** 2 + 0.2j * f / 118), coherence=poor)
     text = said(response)
-    assert "17 % of its lines have a coherence below 0.8" in text and "write averages = ... for it" in text
+    assert "17 % of its lines have a coherence below 0.5" in text and "write averages = ... for it" in text
     assert "write averages" not in said(replace(response, averages=16))
 
 
@@ -356,7 +357,7 @@ def test_the_command(tmp_path: Path, command_line: Callable[..., Any]) -> None:
         ("positioning-drive", ["2-pulses: has the same command as 1-identify"]),
         ("duffing-circuit", ["x is in volts"]),
         ("piezo-loops", ["the noise of x is unknown"]),
-        ("piezo-actuator", []),
+        ("piezo-actuator", ["x rings at about 960 Hz and is sampled at 2500 Hz"]),  # 967 Hz by its README
         ("disc-player-arm", ["y is in volts"]),
     ],
 )
@@ -364,7 +365,6 @@ def test_recordings_of_others(folder: str, words: list[str]) -> None:
     found = fd.check(SHARED / folder)
     text = "\n".join(f"{s.recording}: {s.what}" for s in found.suspicions)
     assert all(word in text for word in words)
-    assert words or not text
     assert "before it changes" not in text  # nothing of these is shifted
 
 

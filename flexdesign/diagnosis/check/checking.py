@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.check import coverage, suspicion
 from flexdesign.diagnosis.check.coverage import Coverage
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.diagnosis.check.tables import TableFacts
 from flexdesign.diagnosis.preparation.dataset import usual_tolerance
-from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, oversampling_of
+from flexdesign.diagnosis.preparation.spectra import oversampling_of
 from flexdesign.dynamics.axis.axis_run import measured_stroke
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split
@@ -134,7 +133,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     runs = [each for each in recordings if isinstance(each, Run)]
     responses = [each for each in recordings if isinstance(each, FrequencyResponse)]
     parts = split(runs, test=True) if runs else ()
-    suspicions = suspicion.of_runs(parts)
+    suspicions = suspicion.of_runs(runs, parts)
     floors = {
         axis: noise_floor([run for run in runs if axis in run.columns], axis)
         for axis in dict.fromkeys(axis for run in runs for axis in run.responses)
@@ -146,9 +145,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
         suspicions += suspicion.of_response(response)
     suspicions += _of_all(runs, responses, parts)
     kinds = dict.fromkeys(kind for each in recordings for kind in coverage.kinds_of(each))
-    roles = {
-        run.name: " and ".join(part.role for part in parts if part.name.partition(":")[0] == run.name) for run in runs
-    }
+    roles = {run.name: " and ".join(part.role for part in parts if part.record == run.name) for run in runs}
     return Check(
         tuple(_run(each, roles[each.name], floors) if isinstance(each, Run) else _lines(each) for each in recordings),
         tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
@@ -203,37 +200,6 @@ def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: 
         if sizes and len(runs) > 1 and max(sizes) < 1.5 * min(sizes) and not has_steps:
             remedy = "record the same command small and large: nonlinear effects show in the difference"
             low, high = f"{min(sizes):.4g}", f"{max(sizes):.4g}"
-            size = f"one size in all runs, {high}" if low == high else f"nearly one size in all runs, {low} to {high}"
+            size = f"one size, {high}" if low == high else f"nearly one size, {low} to {high}"
             found.append(Suspicion("", f"{name} has {size} V peak to peak", remedy))
-    for run in runs:
-        for axis in run.responses:
-            if (fastest := _resonance(run, axis)) and 1 / run.period < FEWEST_PER_PERIOD * fastest:
-                what = (
-                    f"{axis} rings at about {units.hertz(fastest)} and is sampled at {units.hertz(1 / run.period, 5)}"
-                )
-                remedy = f"sample {FEWEST_PER_PERIOD} times in a period or more"
-                found.append(Suspicion(run.name, what, remedy))
     return found
-
-
-def _resonance(run: Run, axis: str) -> float | None:
-    """Return the frequency of a clear peak of the response over its command; None if there is none."""
-    from scipy.signal import csd, welch
-
-    from flexdesign.measurements.recordings.run import commanded_by
-
-    column = commanded_by(axis, run.columns)
-    values = run.columns[axis]
-    if len(run.commands) != 1 or column is None or not np.isfinite(values).all() or len(values) < 256:
-        return None
-    if np.ptp(run.columns[column]) == 0:
-        return None
-    length = min(4096, len(values) // 4)
-    frequencies, across = csd(run.columns[column], values, fs=1 / run.period, nperseg=length, detrend="linear")
-    _, power = welch(run.columns[column], fs=1 / run.period, nperseg=length, detrend="linear")
-    driven = power > 1e-4 * power.max()
-    if np.count_nonzero(driven) < 0.2 * len(power):
-        return None
-    gain = np.where(driven, np.abs(across) / np.where(driven, power, 1.0), 0.0)
-    top = int(np.argmax(gain))
-    return float(frequencies[top]) if top > 2 and gain[top] > 3 * np.median(gain[driven]) else None

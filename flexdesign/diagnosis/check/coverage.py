@@ -8,34 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from flexdesign import effects
-from flexdesign.core.arrays import Array
+from flexdesign.core.arrays import Array, Flags
+from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS, jumps, rests
 from flexdesign.diagnosis.experiment_design.effect_strength import KIND_WORDS, names_kind
-from flexdesign.estimation.noise.autoregressive import stretches
+from flexdesign.diagnosis.experiment_design.experiments import STEP_HOLD
+from flexdesign.measurements.noise_level.sources import fewest_samples
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: A command stands still where it moves by less than this share of its span, and equals another that differs by less; a
-#: step moves by more than that share.
-STILL_CHANGE, STEP_CHANGE = 1e-3, 0.02
-#: Number of quiet samples; time [s] held after a step: a decade of creep.
-QUIET_SAMPLES, STEP_HOLD = 100, 10.0
-#: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
-BROAD_OCTAVES, LINE_LEVEL = 2.0, 5e-3
-#: A command is made of straight lines if, of this number of its samples, this share holds all squares of the second
-#: differences but for this part. Of normal noise a tenth holds less than half. Of more samples, rounding is a curve,
-#: and a slow ramp stands still.
-STRAIGHT_SAMPLES, CORNERS, CURVED = 1000, 0.1, 0.02
-#: Least number of samples of a rise, a fall or a rest.
-STROKE_SAMPLES = 10
-#: Levels at which a staircase rests; rises and falls of a slow command: one of each is a loop.
-STAIRCASE_LEVELS, LOOP_STROKES = 4, 2
+#: The ends of the band that holds nine tenths of the power of a multisine, or of noise, have at least this ratio.
+BROAD_RATIO = 4.0
 #: A temperature that changes by so much [K] shows what heat does.
-TEMPERATURE_CHANGE = 0.5
+TEMPERATURE_CHANGE = 1.0
 #: What the catalogue calls each kind, in words of the result.
 KIND_TEXTS = {
     "quiet": "a quiet stretch",
@@ -114,61 +101,48 @@ def _span(run: Run, column: str) -> float:
 
 
 def _of_command(values: Array, period: float) -> set[str]:
-    span = float(np.ptp(values))
-    if span == 0:
-        return {"quiet"} if len(values) >= QUIET_SAMPLES else set()
-    found = set()
-    rests = resting(values)
-    lengths = [last - first for first, last in rests]
-    jumps = np.abs(np.diff(values)) > STEP_CHANGE * span
-    if max(lengths, default=0) >= QUIET_SAMPLES:
-        found.add("quiet")
-    if lengths and 0 < np.count_nonzero(jumps) <= len(values) / 20:
-        found.add("steps")
-        if max(lengths) * period >= STEP_HOLD:
-            found.add("hold")
-    is_straight = not jumps.any() and _is_straight(values)  # corners of a triangle are no band of frequencies
-    rests_mostly = sum(lengths) > 0.5 * len(values)
-    if _octaves(values) >= BROAD_OCTAVES and not rests_mostly and not is_straight:
-        found.add("multisine")
-    levels = {round(float(np.mean(values[first:last])) / span, 2) for first, last in rests}
-    if len(levels) >= STAIRCASE_LEVELS:
-        found.add("staircase")
-    if "multisine" not in found and _strokes(values) >= LOOP_STROKES:
-        found.add("triangle")
-    return found
+    if np.ptp(values) == 0:
+        return {"quiet"} if len(values) >= fewest_samples(period) else set()
+    jumped, resting = jumps(values), rests(values)
+    lengths = [last - first for first, last in resting]
+    rests_mostly = 2 * sum(lengths) > len(values)
+    levels = {round(float(values[first:last].mean() / np.ptp(values)), 2) for first, last in resting}
+    ends = [0, *(end for rest in resting for end in rest), len(values)]
+    moving = max(zip(ends[::2], ends[1::2], strict=True), key=lambda part: part[1] - part[0])
+    is_broad = not rests_mostly and _is_broad(values[slice(*moving)])
+    longest, has_steps = max(lengths, default=0), not is_broad and bool(resting) and bool(jumped.any())
+    found = {
+        "quiet": longest >= fewest_samples(period),
+        "steps": has_steps,
+        "hold": has_steps and longest * period >= STEP_HOLD,
+        "staircase": rests_mostly and len(levels) > 2,
+        "multisine": is_broad,
+        "triangle": not is_broad and _turns(values, jumped),
+    }
+    return {kind for kind, there in found.items() if there}
 
 
-def _is_straight(values: Array) -> bool:
-    """Tell whether a command is made of straight lines: ramps, triangles of any heights, rests between them."""
-    squares = np.sort(np.diff(values[:: max(1, len(values) // STRAIGHT_SAMPLES)], 2) ** 2)
-    corners = max(1, int(CORNERS * len(squares)))
-    return bool(squares.sum() > 0 and squares[:-corners].sum() <= CURVED * squares.sum())
+def _is_broad(values: Array) -> bool:
+    """Tell whether a command without rests is a band of frequencies; straight lines, whose spectrum is wide, are none.
 
-
-def _strokes(values: Array) -> int:
-    """Return how often a command rises or falls for a while, without a jump."""
-    rising = np.sign(np.diff(values))
-    ends = np.flatnonzero(np.diff(rising, prepend=2, append=2) != 0)
-    steps = [(int(a), int(b)) for a, b in pairwise(ends) if rising[a] != 0 and b - a >= STROKE_SAMPLES]
-    return sum(abs(values[b] - values[a]) > STEP_CHANGE * np.ptp(values) for a, b in steps)
-
-
-def resting(values: Array) -> list[tuple[int, int]]:
-    """Return first and one past the last sample of each stretch of some samples in which a command rests.
-
-    It does so over a part of the record: a slow ramp has many samples, each near the one before.
+    Most squares of the second differences of straight lines lie at their corners: the kurtosis exceeds that of normal
+    noise, three, by far.
     """
-    far = len(values) // STRAIGHT_SAMPLES + 1
-    window = {"size": far + 1, "origin": -((far + 1) // 2)}  # from each sample on
-    spans = (maximum_filter1d(values, **window) - minimum_filter1d(values, **window))[: len(values) - far]
-    found = [(first, last + far) for first, last in stretches(spans <= STILL_CHANGE * float(np.ptp(values)))]
-    return [(first, last) for first, last in found if last - first > STROKE_SAMPLES]
+    power = np.cumsum(np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2)
+    lowest, highest = np.searchsorted(power, [0.05 * power[-1], 0.95 * power[-1]])
+    bends = np.diff(_outline(values), 2) ** 2
+    is_straight = not jumps(values).any() and len(bends) * np.sum(bends**2) > 2 * 3 * np.sum(bends) ** 2
+    return bool(highest >= BROAD_RATIO * max(lowest, 1)) and not is_straight
 
 
-def _octaves(values: Array) -> float:
-    """Return over how many octaves a command is spread, each with a part of its power."""
-    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
-    edges = np.unique(np.geomspace(1, len(power), 2 * int(np.log2(max(len(power), 2))) + 1).astype(int))
-    bands = np.add.reduceat(power, edges[edges < len(power)]) if len(power) > 1 else power
-    return 0.5 * float(np.count_nonzero(bands > LINE_LEVEL * bands.sum()) - 1)
+def _turns(values: Array, jumped: Flags) -> bool:
+    """Tell whether a command rises and falls, apart from its jumps."""
+    from scipy.signal import find_peaks
+
+    gentle = _outline(np.cumsum(np.where(jumped, 0.0, np.diff(values))))
+    return any(len(find_peaks(way * gentle, prominence=JUMP * np.ptp(values))[0]) for way in (-1, 1))
+
+
+def _outline(values: Array) -> Array:
+    """Return about a thousand samples of a command: of more, its rounding is a curve."""
+    return values[:: max(1, len(values) // RECORD_PARTS)]

@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from flexdesign.analytic.static_model.uncertainty import UNSAID
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.measurements import static_table
+from flexdesign.measurements.noise_level.noise_floor import STANDARD_ERRORS
 from flexdesign.measurements.static_table import AXIS, HEAD
-
-#: Where nobody states a standard deviation a measurement is trusted to this share.
-DEFAULT_DEVIATION = 0.02
-#: Differences beyond this number of standard deviations are no noise.
-SUSPECT_DEVIATIONS = 4.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class Measured:
     @property
     def doubt(self) -> float:
         """Standard deviation, relative."""
-        return DEFAULT_DEVIATION if self.sigma is None else self.sigma / abs(self.value)
+        return UNSAID if self.sigma is None else self.sigma / abs(self.value)
 
 
 @dataclass(frozen=True)
@@ -100,7 +97,7 @@ def facts(path: Path) -> TableFacts:
     rows = _read(path)
     found = []
     if all(row.sigma is None for row in rows):
-        remedy = f"write sigma, such as 0.5 %; without it {100 * DEFAULT_DEVIATION:g} % is assumed here"
+        remedy = f"write sigma, such as 0.5 %; without it {100 * UNSAID:g} % is assumed here"
         found.append(Suspicion(path.stem, "no row states its standard deviation", remedy))
     for part in dict.fromkeys(row.part for row in rows):
         found += _of_part(path.stem, [row for row in rows if row.part == part])
@@ -113,7 +110,7 @@ def _of_part(name: str, rows: Sequence[Measured]) -> list[Suspicion]:
         same = first.setdefault((row.quantity, row.boundary), row)
         if same is not row:
             off = abs(row.value / same.value - 1)
-            if off > SUSPECT_DEVIATIONS * math.hypot(row.doubt, same.doubt):
+            if off > STANDARD_ERRORS * math.hypot(row.doubt, same.doubt):
                 what = f"lines {same.line} and {row.line}: {row.quantity}, {row.boundary}, differs by {100 * off:.3g} %"
                 found.append(Suspicion(name, what, "check both, or give the column that distinguishes the parts"))
     needed = [("K_in", "free"), ("lambda", "free"), ("K_out", "free"), ("K_out", "held")]
@@ -124,7 +121,7 @@ def _of_part(name: str, rows: Sequence[Measured]) -> list[Suspicion]:
         doubt = math.hypot(
             driven * math.hypot(2 * ratio.doubt, k_in.doubt), free.doubt / free.value, held.doubt / held.value
         )
-        if abs(driven - released) > SUSPECT_DEVIATIONS * doubt:
+        if abs(driven - released) > STANDARD_ERRORS * doubt:
             what = (
                 f"lines {', '.join(str(row.line) for row in (k_in, ratio, free, held))} do not go together: "
                 f"1/K_out,free - 1/K_out,held is {released / driven:.3f} times lambda^2 / K_in"

@@ -230,7 +230,7 @@ def _after_decay(run: Run, first: int, values: Array, last_motion: int | None, s
     settling_time
         See `stationary_stretches`.
     """
-    fewest = max(FEWEST, SHORTEST.in_samples(run.period, settling_time))
+    fewest = fewest_samples(run.period, settling_time)
     while len(values) >= fewest and _decay([values], SIGNIFICANCE):
         dropped = len(values) // 4
         first, values = first + dropped, values[dropped:]
@@ -240,6 +240,11 @@ def _after_decay(run: Run, first: int, values: Array, last_motion: int | None, s
     bend = place**2 if last_motion is None else np.log(first - last_motion + 1.0 + np.arange(len(values)))
     trend = np.linalg.qr(np.column_stack([np.ones(len(values)), place, bend]))[0]
     return [Stretch(run.name, first, values, trend)]
+
+
+def fewest_samples(period: float, settling_time: float = SHORTEST_SETTLING) -> int:
+    """Return the least number of samples of a stretch, of a period [s] on a stage that settles in some time [s]."""
+    return max(FEWEST, SHORTEST.in_samples(period, settling_time))
 
 
 def _is_louder(one: Array, other: Array) -> bool:

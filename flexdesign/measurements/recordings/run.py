@@ -117,6 +117,11 @@ class Run:
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     @property
+    def record(self) -> str:
+        """The name, without the number of a run that is a block of a longer record."""
+        return self.name.partition(":")[0]
+
+    @property
     def commands(self) -> tuple[str, ...]:
         """Names of the command columns."""
         return tuple(name for name in COMMANDS if name in self.columns)

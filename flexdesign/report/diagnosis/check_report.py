@@ -154,13 +154,9 @@ def _sentences(suspicions: Sequence[Suspicion]) -> list[str]:
     sentences = []
     for first, *others in alike.values():
         more = f" and {len(others)} other{'s' if len(others) > 1 else ''} alike" if others else ""
-        sentences.append(_sentence(f"{first.recording}{more}" if first.recording else "", first.what, first.remedy))
+        remedy = f". Remedy: {first.remedy}" if first.remedy else ""
+        sentences.append(f"{first.recording or 'All recordings'}{more}: {first.what}{remedy}.")
     return sentences
-
-
-def _sentence(recording: str, what: str, remedy: str) -> str:
-    subject = f"{recording}: {what}" if recording else f"{what[:1].upper()}{what[1:]}"
-    return f"{subject}{f'. Remedy: {remedy}' if remedy else ''}."
 
 
 def _coverage(check: Check) -> list[str]:
