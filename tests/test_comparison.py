@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
-from flexdesign.diagnosis.comparison import Comparison, holds, where
+from flexdesign.diagnosis.command_segments import steps
+from flexdesign.diagnosis.comparison import Comparison, where
 from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.diagnosis.initialised_comparison import compare
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -38,7 +39,7 @@ def model(axis: AxisModel = AXIS) -> StageModel:
     return StageModel({"x": axis}, name="stage")
 
 
-def steps() -> Array:
+def levels() -> Array:
     return np.repeat([0.0, 40.0, 90.0, 60.0, 100.0, 20.0], 800)
 
 
@@ -58,12 +59,12 @@ def recorded(name: str, command: Array, axis: AxisModel = AXIS, seed: int = 0) -
 
 @cache
 def creeping() -> Comparison:
-    return compare(model(), [recorded("steps", steps(), CREEPING), recorded("sine", sine(2.0), CREEPING, 1)])
+    return compare(model(), [recorded("steps", levels(), CREEPING), recorded("sine", sine(2.0), CREEPING, 1)])
 
 
 @cache
 def sound() -> Comparison:
-    return compare(model(), [recorded("steps", steps()), recorded("sine", sine(), seed=1)])
+    return compare(model(), [recorded("steps", levels()), recorded("sine", sine(), seed=1)])
 
 
 def white(level: float, *names: str) -> NoiseFloor:
@@ -105,10 +106,10 @@ def test_a_reversed_sign_is_asked_about() -> None:
     """A sensor of the other polarity; a wrong gain of the right sign and a still stage are no such thing."""
     said = [
         " ".join(comparison_report.summary(compare(model(replace(AXIS, gain=factor * AXIS.gain)), [recorded("a", u)])))
-        for factor, u in ((-1.0, steps()), (0.5, steps()), (-1.0, 0 * steps()))
+        for factor, u in ((-1.0, levels()), (0.5, levels()), (-1.0, 0 * levels()))
     ]
     assert ["command or of the response reversed" in each for each in said] == [True, False, False]
-    turned, sensed = recorded("a", steps()), recorded("b", steps(), replace(AXIS, gain=-AXIS.gain))
+    turned, sensed = recorded("a", levels()), recorded("b", levels(), replace(AXIS, gain=-AXIS.gain))
     residual = sensed.measured() - turned.measured()
     assert "reversed" in reversal_doubt([sensed], {"b": residual})
     assert not reversal_doubt([turned], {"a": 0 * residual})
@@ -126,9 +127,9 @@ def test_units_wrong_by_a_thousand_end_it_or_are_said_first() -> None:
     run = recorded("sine", sine())
     wrong = replace(run, columns={**run.columns, "x": 1e-3 * run.columns["x"]})
     with pytest.raises(InputError, match=r"sine: column x = .* is a thousandth of .* the unit of x or of u"):
-        compare(model(), [recorded("steps", steps()), wrong])
+        compare(model(), [recorded("steps", levels()), wrong])
     dead = replace(run, columns={**run.columns, "x": NOISE * np.random.default_rng(2).standard_normal(len(run.time))})
-    found = compare(model(), [recorded("steps", steps()), dead])
+    found = compare(model(), [recorded("steps", levels()), dead])
     assert comparison_report.summary(found)[0].startswith("Take care: sine: x spans ")
     assert any("is its unit right" in remark for remark in comparison_report.result(found)["runs"][1]["remarks"])
 
@@ -227,10 +228,10 @@ def test_an_error_that_dies_away_lies_just_after_the_step() -> None:
     assert after.covers == pytest.approx(1.0, abs=1e-6)
 
 
-def test_holds_end_where_the_command_moves_again() -> None:
+def test_rests_after_steps_end_where_the_command_moves_again() -> None:
     u = np.concatenate([np.zeros(50), np.full(50, 10.0), 10 + 0.1 * np.arange(50), np.full(50, 15.0)])
-    assert holds(u) == [(50, 101, 10.0)]
-    assert holds(np.zeros(100)) == []
+    assert steps(u) == [(50, 101, 10.0)]
+    assert steps(np.zeros(100)) == []
 
 
 def test_nothing_above_the_noise_has_no_shares() -> None:

@@ -229,7 +229,7 @@ def test_a_comparison_says_in_which_band_a_model_fails() -> None:
     assert sweep.left == pytest.approx(expected, rel=0.15, abs=0.02)
     assert sweep.noise_floor == pytest.approx(np.sqrt(0.001 / 0.999 / 32), rel=0.1)
     document, result = comparison_report.document(found), comparison_report.result(found)
-    assert "above 190 Hz" in document.summary[0]
+    assert "at 180 to 360 Hz" in document.summary[0]
     assert [figure.file for section in document.sections for figure in section.figures] == ["bode_sweep.svg"]
     assert result["frequency_responses"][0]["largest_error_at"]["value"] == 400.0
     clean = compare(MODEL, [measured(FAST, 1.98e-6 * mode(FAST, 118.3, 0.03))])

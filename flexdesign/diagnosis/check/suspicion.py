@@ -12,8 +12,8 @@ from flexdesign.core import units
 from flexdesign.core.arrays import Array, Places
 from flexdesign.diagnosis.check.timing import timing_of
 from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS, REST_SAMPLES
-from flexdesign.diagnosis.preparation.frequencies import CrossSpectra, cross_spectra
-from flexdesign.diagnosis.preparation.oversampling import CHANCE, FEWEST_PER_PERIOD, SEGMENTS
+from flexdesign.diagnosis.preparation.spectra import CrossSpectra, cross_spectra
+from flexdesign.diagnosis.preparation.spectra import CHANCE, FEWEST_PER_PERIOD, SEGMENTS
 from flexdesign.estimation.noise.autoregressive import stretches
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run

@@ -4,7 +4,7 @@
 """
 
 from flexdesign.diagnosis.comparison.compare import Comparison, RunComparison
-from flexdesign.diagnosis.comparison.error_location import Breakdown, Part, holds, where
+from flexdesign.diagnosis.comparison.error_location import Breakdown, Part, where
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, by_band, join_halves
 
 __all__ = [
@@ -14,7 +14,6 @@ __all__ = [
     "ResponseComparison",
     "RunComparison",
     "by_band",
-    "holds",
     "join_halves",
     "where",
 ]

@@ -14,13 +14,9 @@ from flexdesign.diagnosis.comparison.error_location import Breakdown
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.estimation.criterion import BETTER
+from flexdesign.measurements.noise_level import NoiseFloor, allowed_excess
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
-
-#: Below this correlation the reversed prediction would explain more than half of the motion.
-REVERSED_CORRELATION = -math.sqrt(0.5)
-#: An error below this many times the noise floor is noise: the floor itself is known to some percent.
-NOISE_RATIO = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,13 +141,17 @@ class Comparison:
 
     @property
     def is_noise(self) -> bool:
-        """Whether the error of the runs is noise; False without runs."""
-        return self.rms < NOISE_RATIO * self.floor
+        """Whether the error of the runs is noise, but for chance; False without runs."""
+        if not self.runs:
+            return False
+        count = sum(int(np.isfinite(run.residual).sum()) for run in self.runs)
+        level = 2 * self.noise.relative_error if self.noise.known else 0.0
+        return (self.rms / self.floor) ** 2 - 1 <= allowed_excess(count, level)
 
     @property
     def agrees(self) -> bool:
         """Whether the errors of runs and frequency responses are noise: then nothing is missing."""
-        return (self.is_noise or not self.runs) and all(each.ratio < NOISE_RATIO for each in self.responses)
+        return (self.is_noise or not self.runs) and all(each.is_noise for each in self.responses)
 
     @property
     def correlation(self) -> float:
@@ -238,8 +238,8 @@ def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
 
 
 def reversal_question(found: float) -> str:
-    """Return what to ask of a stage that moves against its prediction; empty where a correlation shows none."""
-    if not found < REVERSED_CORRELATION:
+    """Return what to ask if the reversed prediction explains more than half of the motion; empty if it does not."""
+    if not (found < 0 and 1 - found**2 < BETTER):
         return ""
     return (
         f"the stage moves against the prediction (correlation {found:.2f}): is the sign of the gain, of the "

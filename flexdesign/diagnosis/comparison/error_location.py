@@ -10,20 +10,15 @@ from itertools import pairwise
 import numpy as np
 
 from flexdesign.core.arrays import Array, Places
+from flexdesign.diagnosis.command_segments import steps
+from flexdesign.estimation.criterion import SHARE
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
 #: Regions of position and of voltage.
 REGIONS = 5
-#: Speeds over their rms: below the first the stage rests, above the second it is fast.
-SPEED_AT_REST, FAST_SPEED = 0.01, 0.5
-#: A command makes a step if it jumps by this share of its span between two samples, and then stays for this number of
-#: samples within this share.
-STEP_JUMP, STEP_SAMPLES, STEP_STILL = 0.05, 20, 5e-3
-#: Parts next to each other that hold this share together are where the error mostly is.
-DOMINANT_SHARE = 0.6
-#: A part with less of the error than this is not worth a word.
-NEGLIGIBLE_SHARE = 0.02
+#: A stage is fast above this share of its rms speed.
+FAST_SPEED = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ class Breakdown:
     @property
     def concentrated(self) -> tuple[Part, ...]:
         """The parts that hold more of the error than of the samples, but for traces of it."""
-        return tuple(p for p in self.parts if p.share > max(p.weight, NEGLIGIBLE_SHARE))
+        return tuple(p for p in self.parts if p.share > max(p.weight, SHARE))
 
     @property
     def contrast(self) -> float:
@@ -85,14 +80,10 @@ class Breakdown:
         return sum(p.share - p.weight for p in self.concentrated)
 
     def dominant(self) -> tuple[Part, ...]:
-        """Return the fewest neighbours that hold most of the error; none where there is no error."""
-        ends = [(a, b) for a in range(len(self.parts)) for b in range(a + 1, len(self.parts) + 1)]
-        held = {(a, b): sum(p.share for p in self.parts[a:b]) for a, b in ends}
-        enough = [ab for ab in ends if held[ab] >= DOMINANT_SHARE]
-        if not enough:
-            return ()
-        first, last = min(enough, key=lambda ab: (ab[1] - ab[0], -held[ab]))
-        return self.parts[first:last]
+        """Return the fewest neighbours that hold more than half of the error; none where there is no error."""
+        every = [self.parts[a:b] for a in range(len(self.parts)) for b in range(a + 1, len(self.parts) + 1)]
+        held = {parts: sum(part.share for part in parts) for parts in every}
+        return min((p for p in every if 2 * held[p] > 1), key=lambda p: (len(p), -held[p]), default=())
 
 
 def parts_of(
@@ -160,8 +151,9 @@ def where(
         return between(values, np.linspace(values.min(), values.max(), REGIONS + 1).tolist())
 
     response = runs[0].si[runs[0].responses[0]] if len(runs[0].responses) == 1 else "m"
-    speed, most = float(np.sqrt(np.mean(velocity**2))) or 1.0, float(np.abs(velocity).max())
-    slow, fast = SPEED_AT_REST * speed, FAST_SPEED * speed
+    most, fast = float(np.abs(velocity).max()), FAST_SPEED * float(np.sqrt(np.mean(velocity**2)))
+    # The stage rests below the speed of a ramp over the longest run.
+    slow = min(float(np.ptp(position)) / max(run.time[-1] - run.time[0] for run in runs), fast)
     motions = ["down fast", "down slowly", "at rest", "up slowly", "up fast"]
     nowhere = [(math.nan, math.nan)] * len(runs)
     made = [
@@ -189,7 +181,7 @@ def _samples(run: Run, residual: Array, prediction: Array, noise: float) -> Arra
     command, and the time since the last step (NaN if none).
     """
     seen, command, since = np.isfinite(residual), run.command(), np.full(len(residual), np.nan)
-    for first, last, _ in holds(command):
+    for first, last, _ in steps(command):
         since[first:last] = run.period * np.arange(last - first)
     weight = 1 / max(int(seen.sum()), 1)
     squares = weight * residual**2, weight * noise**2, weight
@@ -197,32 +189,11 @@ def _samples(run: Run, residual: Array, prediction: Array, noise: float) -> Arra
     return np.stack(np.broadcast_arrays(*squares, *state))[:, seen]
 
 
-def holds(command: Array) -> list[tuple[int, int, float]]:
-    """Return the steps of a command after which it stands still: first index, the one after the last, and the jump [V].
-
-    >>> holds(np.repeat([0.0, 5.0, 2.0], 30))
-    [(30, 60, 5.0), (60, 90, -3.0)]
-    """
-    found = []
-    change, span = np.diff(command), float(np.ptp(command))
-    for jump in (np.flatnonzero(np.abs(change) > STEP_JUMP * span) + 1).tolist():
-        # Of a lively command most jumps are followed by another soon, and nothing beyond that is looked at.
-        if np.abs(command[jump : jump + STEP_SAMPLES] - command[jump]).max() > STEP_STILL * span:
-            continue
-        changed = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STEP_STILL * span)
-        last = jump + int(changed[0]) if changed.size else len(command)
-        if last - jump >= STEP_SAMPLES:
-            found.append((jump, last, float(change[jump - 1])))
-    return found
-
-
 def _by_frequency(residuals: Mapping[str, Array], runs: Sequence[Run], noise_floor: NoiseFloor) -> Breakdown:
-    """Divide by octaves around 1, 2, 4 Hz and so on, and what is below: the middle of a band is a round number."""
+    """Divide by octaves, see `octaves`."""
     from scipy.signal import periodogram
 
-    fastest = max(0.5 / run.period for run in runs)
-    octaves = (2.0 ** (k - 0.5) for k in range(max(math.ceil(math.log2(fastest)), 1) + 2))
-    edges = [0.0, *(edge for edge in octaves if edge < fastest), fastest]
+    edges = octaves(0.0, max(0.5 / run.period for run in runs))
     lines = []
     for run in runs:
         residual, count = residuals[run.name], len(run.time)
@@ -235,3 +206,13 @@ def _by_frequency(residuals: Mapping[str, Array], runs: Sequence[Run], noise_flo
     parts = parts_of(np.digitize(frequency, edges[1:-1]), [*pairwise(edges)], power, noise, weight)
     # The rms of a band is its part of the rms of all.
     return Breakdown("frequency", "Hz", tuple(replace(p, rms=p.rms * math.sqrt(p.weight)) for p in parts))
+
+
+def octaves(lowest: float, highest: float) -> list[float]:
+    """Return the edges of octaves around 1, 2, 4 Hz and so on: the middle of a band is a round number.
+
+    >>> octaves(0.0, 3.5)
+    [0.0, 0.7071067811865476, 1.4142135623730951, 2.8284271247461903, 3.5]
+    """
+    centres = range(math.floor(math.log2(lowest or 1.0)), max(math.ceil(math.log2(highest)), 0) + 2)
+    return [lowest, *(edge for k in centres if lowest < (edge := 2.0 ** (k - 0.5)) < highest), highest]

@@ -13,13 +13,10 @@ from itertools import pairwise
 import numpy as np
 
 from flexdesign.core.arrays import Array, Complex, Flags
-from flexdesign.diagnosis.comparison.error_location import Breakdown, parts_of
-from flexdesign.measurements.noise_level import LineNoise
+from flexdesign.diagnosis.comparison.error_location import Breakdown, octaves, parts_of
+from flexdesign.measurements.noise_level import LineNoise, allowed_excess
 from flexdesign.measurements.recordings import FrequencyResponse
 from flexdesign.measurements.recordings.run import Role
-
-#: Bands of even ratios, no more than these and none with fewer lines than that on average.
-MOST_BANDS, FEWEST_LINES = 8, 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +79,11 @@ class ResponseComparison:
         """Root mean square of the error over the noise, line by line: one where nothing but noise is left."""
         return float(np.sqrt(np.mean((self.left / self.noise)[self.validation] ** 2)))
 
+    @property
+    def is_noise(self) -> bool:
+        """Whether the error is noise, but for chance."""
+        return self.ratio**2 - 1 <= allowed_excess(2 * int(self.validation.sum()), 0.0)
+
 
 def join_halves(
     responses: Sequence[FrequencyResponse], left: Mapping[str, Array], noise: Mapping[str, LineNoise]
@@ -130,13 +132,11 @@ def join_halves(
 
 def by_band(responses: Sequence[ResponseComparison]) -> Breakdown:
     """Divide the unexplained error of frequency responses by bands: what the squares of errors have above the noise."""
-    low = min(float(each.frequencies[0]) for each in responses)
-    high = max(float(each.frequencies[-1]) for each in responses)
-    lines = max(len(each.frequencies) for each in responses)
-    edges = np.geomspace(low, high, min(max(lines // FEWEST_LINES, 1), MOST_BANDS) + 1)
+    lowest = min(float(each.frequencies[0]) for each in responses)
+    edges = octaves(lowest, max(float(each.frequencies[-1]) for each in responses))
     judging = [
         np.stack([e.frequencies, e.left**2, e.noise**2, np.ones(len(e.left))])[:, e.validation] for e in responses
     ]
     frequencies, *squares = np.concatenate(judging, axis=1)
-    parts = parts_of(np.digitize(frequencies, edges[1:-1]), [*pairwise(edges.tolist())], *squares)
+    parts = parts_of(np.digitize(frequencies, edges[1:-1]), [*pairwise(edges)], *squares)
     return Breakdown("frequency", "Hz", parts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import operator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,14 +13,12 @@ from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, Unce
 from flexdesign.analytic.static_model.uncertainty import UNSAID
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
+from flexdesign.estimation.criterion import BETTER
+from flexdesign.measurements.recordings.unit_check import TOLERANCE
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS
 
-#: A value this many times larger or smaller than what is expected has the wrong unit: no physics is missing so much.
-WRONG_UNIT = 100.0
-#: A sign counts as lost where the model's error in the rows that it concerns falls below this share.
-LOST_SIGN_SHARE = 0.5
 #: In which rows of a column signs are tried: in all, and in those of one sign.
-SIGNS = {0: "", -1: " below zero", 1: " above zero"}
+SIGNS = {"": operator.ne, " below zero": operator.lt, " above zero": operator.gt}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,7 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
     for row, expected in zip(table.rows, predicted, strict=True):
         if row.load is None and math.isfinite(expected):
             times = abs(row.value / float(expected)) if expected else math.inf
-            if not 1 / WRONG_UNIT < times < WRONG_UNIT:
+            if not times or abs(math.log10(times)) > 3 - TOLERANCE:
                 remedy = f"is {float(f'{times:.2g}'):g} times what the model expects: correct the unit ({row.unit})"
                 raise InputError(table.name, row.key, f"{row.value:.4g} (SI)", remedy)
         opposite = row.quantity == "lambda" and np.sign(row.value) * np.sign(expected) < 0
@@ -113,15 +112,15 @@ def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, 
     one that lowers the error most is taken, and the others are tried again.
     """
     remarks: list[str] = []
-    columns = [*itertools.product(LOADS, SIGNS), *((quantity, 0) for quantity in DISPLACEMENTS)]
+    columns = [*itertools.product(LOADS, SIGNS), *((quantity, "") for quantity in DISPLACEMENTS)]
     while True:
-        before, best = model.predict(table), (LOST_SIGN_SHARE, table, "")
+        before, best = model.predict(table), (BETTER, table, "")
         for column, way in columns:
             turned = replace(table, rows=tuple(_turned(row, column, way) for row in table.rows))
             concerned = np.array([a is not b for a, b in zip(turned.rows, table.rows, strict=True)])
             if concerned.any() and (was := _error(before[concerned], table.measured()[concerned])):
                 share = _error(model.predict(turned)[concerned], turned.measured()[concerned]) / was
-                rows = f"rows with {column}{SIGNS[way]} agree better with the model if {column} has the other sign"
+                rows = f"rows with {column}{way} agree better with the model if {column} has the other sign"
                 best = min(best, (share, turned, f"{rows}: it was taken so"), key=lambda trial: trial[0])
         if best[2] in ("", *remarks):
             return table, tuple(remarks)
@@ -129,12 +128,12 @@ def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, 
         remarks.append(best[2])
 
 
-def _turned(row: Row, column: str, way: int) -> Row:
+def _turned(row: Row, column: str, way: str) -> Row:
     """Return a row with the other sign in a column, or as it is if it does not concern it."""
     if column in DISPLACEMENTS:
         return replace(row, value=-row.value) if row.quantity == column else row
     place = list(LOADS).index(column)
-    if row.load is None or row.load[place] == 0 or way * row.load[place] < 0:
+    if row.load is None or not SIGNS[way](row.load[place], 0):
         return row
     return replace(row, load=tuple(-f if i == place else f for i, f in enumerate(row.load)))
 

@@ -12,6 +12,7 @@ import numpy as np
 from flexdesign.core import units, versions
 from flexdesign.core.errors import join_names
 from flexdesign.core.serialise import header, with_unit
+from flexdesign.diagnosis.command_segments import jumps
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison
 from flexdesign.diagnosis.comparison.compare import reversal_question
 from flexdesign.dynamics.axis.axis_run import doubts
@@ -26,8 +27,6 @@ from flexdesign.report.traces import Curve, Traces
 
 #: What to know of a breakdown.
 REMARKS = {"time since the last step": "While the command stands still since"}
-#: A command that changes by this share of its span between two samples jumps.
-JUMP = 0.05
 
 
 def errors(comparison: Comparison) -> Table:
@@ -245,8 +244,7 @@ def shows_a_loop(run: RunComparison, frequency: float) -> bool:
     if not span or len(command) <= period:
         return False
     change = np.abs(command[period:] - command[:-period])
-    jumps = np.abs(np.diff(command)) > JUMP * span
-    travelled = float(np.abs(np.diff(command))[~jumps].sum())
+    travelled = float(np.abs(np.diff(command))[~jumps(command)].sum())
     return float(np.quantile(change, 0.95)) < SLOW * span and travelled > 1.5 * span
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
-from flexdesign.diagnosis.comparison import holds
+from flexdesign.diagnosis.command_segments import steps
 from flexdesign.diagnosis.preparation.spectra import cross_spectra
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
@@ -202,7 +202,7 @@ def since_step(traces: Sequence[Trace], fine: str, factor: float) -> bytes | Non
     """
     found: list[tuple[float, Array, Array]] = []
     for t in traces:
-        for first, last, jump in holds(t.command):
+        for first, last, jump in steps(t.command):
             before = np.nan_to_num(t.residual[max(first - BEFORE, 0) : first]).mean()
             after = factor * math.copysign(1.0, jump) * (t.residual[first:last] - before)
             time: Array = t.period * (0.5 + np.arange(last - first, dtype=float))

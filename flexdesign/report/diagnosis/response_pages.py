@@ -11,7 +11,6 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.serialise import with_unit
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
-from flexdesign.diagnosis.comparison.compare import NOISE_RATIO
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import axis_unit
@@ -49,7 +48,7 @@ def sentences(responses: Sequence[ResponseComparison], natural_frequency: float)
         f"{units.significant(each.ratio, 3)} times the {'noise' if each.known else 'guessed noise'}."
         for each in responses
     ]
-    if all(each.ratio < NOISE_RATIO for each in responses):
+    if all(each.is_noise for each in responses):
         return [*text, "Nothing is above the noise of the lines."]
     bands = by_band(responses)
     if band := bands.dominant():
