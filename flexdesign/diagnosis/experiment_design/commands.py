@@ -30,8 +30,6 @@ Kind = Literal[
 ]
 #: The temperature of a room [K].
 ROOM_TEMPERATURE = 293.15
-#: Rise time from 10 to 90 % of a first-order low-pass, times its corner frequency.
-RISE_TIME_PRODUCT = 0.35
 #: Draws of random phases, of which the one with the lowest peaks is taken.
 PHASE_DRAWS = 30
 
@@ -159,7 +157,8 @@ def ramp(limits: Limits, start: float, end: float, gentle: float = 0.0) -> Array
 
     A gentle way is half a cosine, which leaves a mode of a few of its periods' length nearly at rest.
     """
-    ramp_time = RISE_TIME_PRODUCT / limits.bandwidth / 0.8  # a ramp's whole length from its 10 to 90 %
+    # As a low-pass of first order rises from 10 to 90 %, which is 0.8 of a ramp.
+    ramp_time = math.log(9) / (2 * math.pi * limits.bandwidth) / 0.8
     slowest = abs(end - start) / limits.step * (0.5 * math.pi if gentle else 1.0)
     samples = max(1, math.ceil(max(ramp_time, gentle) * limits.rate - 0.5), math.ceil(slowest))
     share = np.arange(1, samples) / samples

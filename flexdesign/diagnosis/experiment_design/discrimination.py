@@ -16,7 +16,9 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.effect_selection.estimation_setup import modes
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.effect_strength import (
+    VISIBLE_SHARE,
     EffectAtStrength,
+    exact_reading,
     fit_linear,
     on,
     reading,
@@ -24,20 +26,13 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
 )
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, other_excitations, suite_of
 from flexdesign.diagnosis.experiment_design.limits import dynamics, of_axis
+from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import Diagnosis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.estimation.criterion import CONFLICT
 
-#: A difference of this multiple of the sensor's noise, rms, is clear in one run.
-CLEAR_DIFFERENCE = 3.0
-#: Relative change of gain and damping ratio from which their influence is taken.
-CHANGE = 0.1
 #: Number of experiments proposed, one of each kind.
 EXPERIMENTS_PROPOSED = 3
-#: Without a stated noise of the sensor, this share of the stroke is assumed.
-ASSUMED_NOISE = 1e-4
-#: Samples in a period of the highest mode where experiments are simulated: their tones end at three times its
-#: frequency, well below Nyquist's; a controller may sample a slow stage a thousand times as fast.
-SAMPLES_PER_PERIOD = 10
 
 
 @dataclass(frozen=True)
@@ -86,11 +81,11 @@ class Resolved:
 
     @property
     def proposed(self) -> tuple[Separation, ...]:
-        """The best experiment of each kind, three at most, among those whose difference is plain to see."""
+        """The best experiment of each kind, three at most, among those that differ clearly."""
         kinds: dict[str, Separation] = {}
         for each in self.separations:
             kind = "added mass" if each.command.mass_ratio else each.command.kind
-            if each.over_noise >= CLEAR_DIFFERENCE and each.command.role == "identify":
+            if each.over_noise >= CONFLICT and each.command.role == "identify":
                 kinds.setdefault(kind, each)
         return tuple(kinds.values())[:EXPERIMENTS_PROPOSED]
 
@@ -129,14 +124,17 @@ def resolve_effects(
     shown = [signature_of(on(plain, name), [standard]) for name in names]
     first, second = (each if each.visible else signature_of(each.effect, experiments) for each in shown)
     compared = [each.effect.at(each.strength) for each in (first, second)]
-    compared += [plain.replace({name: (1 + CHANGE) * getattr(plain.axis, name)}) for name in ("gain", "damping_ratio")]
+    names = ("gain", "damping_ratio")
+    recalibrated = [plain.replace({name: (1 + VISIBLE_SHARE) * getattr(plain.axis, name)}) for name in names]
 
     def readings(command: Command) -> tuple[Array, Array]:
         """Return the reading with the first effect, and what gain, damping and offset leave of the change by either."""
-        without, cut = reading(plain, command), steady(command)
-        changed = np.stack([reading(each, command) for each in compared]) - without
-        centred = changed - changed[:, cut].mean(axis=1, keepdims=True)
-        return without + changed[0], centred[:2] - fit_linear(centred[:2, cut], centred[2:, cut]) @ centred[2:]
+        cut, exact = steady(command), exact_reading(plain, command)
+        first_reading, *_ = with_effects = [reading(each, command) for each in compared]
+        changed = np.stack([each - reading(plain, command) for each in with_effects])
+        columns = np.stack([exact_reading(each, command) - exact for each in recalibrated])
+        changed, columns = (rows - rows[:, cut].mean(axis=1, keepdims=True) for rows in (changed, columns))
+        return first_reading, changed - fit_linear(changed[:, cut], columns[:, cut]) @ columns
 
     multisine, found = _mean_products(standard, readings(standard)[1]), list[Separation]()
     for command in experiments:
@@ -216,7 +214,7 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
         resolved, reason = list[Resolved](), ""
         try:
             highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
-            rate = min(found.model.controller.rate, SAMPLES_PER_PERIOD * highest)
+            rate = min(found.model.controller.rate, FEWEST_PER_PERIOD * highest)
             sampled = replace(found.model, controller=replace(found.model.controller, rate=rate))
             limits = of_axis(sampled, found.axis)
             model = dynamics(found.model, found.axis, limits)

@@ -14,17 +14,14 @@ from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Disturbance, Parameter, Term, parameter_of
 from flexdesign.diagnosis.experiment_design.commands import Command
+from flexdesign.diagnosis.preparation.dataset import OF_STROKE
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
 from flexdesign.dynamics.stage_model import fields
 
-#: A search for a strength ends this close to it, relative.
-STRENGTH_TOLERANCE = 0.03
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
 VISIBLE_SHARE = 0.01
-#: An experiment shows an effect if it changes the reading by this share of the stroke.
-SHOWN_SHARE = 1e-3
 #: Words by which the catalogue names each kind of experiment.
 KIND_WORDS = {
     "quiet": ("quiet",),
@@ -103,7 +100,7 @@ class EffectAtStrength:
 
         if excess(ends[0]) * excess(ends[1]) > 0:
             return sign * math.exp(min(ends, key=lambda end: abs(excess(end))))
-        return sign * math.exp(brentq(excess, *ends, xtol=STRENGTH_TOLERANCE, rtol=1e-9))
+        return sign * math.exp(brentq(excess, *ends))
 
 
 def on(model: AxisDynamics, name: str) -> EffectAtStrength:
@@ -141,7 +138,13 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
 
 
 def reading(model: AxisDynamics, command: Command) -> Array:
-    """Return what the sensor reads in an experiment [response], n values; NaN where the motion runs away.
+    """Return what the sensor reads in an experiment [response], n values; NaN where the motion runs away."""
+    found, step = exact_reading(model, command), model.axis.sensor.resolution
+    return step * np.floor(found / step + 0.5) if step > 0 else found
+
+
+def exact_reading(model: AxisDynamics, command: Command) -> Array:
+    """Return the same without the rounding of the sensor.
 
     An added mass and a static push, which begins half-way, are taken into account where the effects of `model` depend
     on them.
@@ -150,15 +153,10 @@ def reading(model: AxisDynamics, command: Command) -> Array:
     if command.mass_ratio:
         # Mass and frequency before and after: (w'/w)^2 = m / (m + added); the damper stays, so that zeta falls as w.
         fall = math.sqrt(mass / (mass + command.mass_ratio))
-        axis = model.axis
-        lower = {"natural_frequency": axis.natural_frequency * fall, "damping_ratio": axis.damping_ratio * fall}
-        model = model.replace(lower)
+        names = ("natural_frequency", "damping_ratio")
+        model = model.replace({name: fall * getattr(model.axis, name) for name in names})
     found = model.predict(command.run(model.name, model.axis.response))
-    found = found + command.push * compliance * (2 * command.time >= command.duration)
-    step = model.axis.sensor.resolution
-    if step > 0:  # predictions leave it out, so that fits stay smooth
-        found = step * np.floor(found / step + 0.5)
-    return found
+    return found + command.push * compliance * (2 * command.time >= command.duration)
 
 
 def inertia(model: AxisDynamics) -> tuple[float, float]:
@@ -240,7 +238,7 @@ class Signature:
     @property
     def visible(self) -> tuple[EffectResponse, ...]:
         """The experiments that show it; none if the strongest plausible effect hardly changes any of them."""
-        return tuple(each for each in self.seen if each.change >= SHOWN_SHARE * self.stroke)
+        return tuple(each for each in self.seen if each.change >= OF_STROKE * self.stroke)
 
 
 def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Signature:
@@ -265,7 +263,7 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
     finite = [each for each in seen if math.isfinite(each.change)]
 
     def rank(each: EffectResponse) -> tuple[bool, float]:
-        return names_kind(catalogued.reveal, each.command.kind) and each.change >= SHOWN_SHARE * stroke, each.change
+        return names_kind(catalogued.reveal, each.command.kind) and each.change >= OF_STROKE * stroke, each.change
 
     return Signature(effect, strength, stroke, tuple(sorted(finite, key=rank, reverse=True)))
 

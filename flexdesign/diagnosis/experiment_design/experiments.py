@@ -27,6 +27,7 @@ from flexdesign.diagnosis.experiment_design.commands import (
     path,
     triangle,
 )
+from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel
@@ -44,16 +45,10 @@ STEP_HOLD = 100.0
 QUIET_TIME = 2.0
 #: An added mass of this share of the moving one lowers the resonance by 5 %.
 ADDED_MASS = 0.1
-#: A gentle transition to a level takes this number of periods of the lowest mode.
-TRANSITION_PERIODS = 8
 #: The experiment that is repeated with it.
 SAME_WITH_MASS = "multisine_medium_a"
-#: A static push moves the output by this share of its stroke.
-STATIC_PUSH = 0.02
 #: Least share of its intended amplitude at which an experiment is still useful.
 LEAST_SHARE = 0.05
-#: The motion may pass the ends of the static range by this share of the stroke.
-OVERTRAVEL = 0.05
 
 
 def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Command, ...]:
@@ -115,7 +110,7 @@ def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...
     warms = ROOM_TEMPERATURE + 2.0 * np.arange(len(slow)) / (len(slow) - 1)
     return (
         maker.command(
-            "static_push", "push", "the stiffness at the output", still, push=STATIC_PUSH * model.stroke,
+            "static_push", "push", "the stiffness at the output", still, push=VISIBLE_SHARE * model.stroke,
             note="load the output with a known force, such as a weight on a string, while the command rests",
         ),
         maker.command(
@@ -168,7 +163,7 @@ class _Maker:
 
     def framed(self, samples: Array, before: float) -> tuple[Array, float]:
         """Return samples after a gentle way from home and a rest [s], and before the way home; and when they begin."""
-        limits, slow = self.limits, TRANSITION_PERIODS / self.lowest
+        limits, slow = self.limits, self.settling
         first, _ = path(limits, [(limits.home, 0.2), (float(samples[0]), before)], slow)
         last, _ = path(limits, [(float(samples[-1]), 0.0), (limits.home, self.settling)], slow)
         return np.concatenate([first, samples, last[1:]]), len(first) * self.period
@@ -212,17 +207,17 @@ class _Maker:
         return *make(share), share * size, f"reduced to {100 * share:.0f} % by the {why}" if why else ""
 
     def _too_far(self, samples: Array) -> float:
-        """Return the largest motion from the middle of the static range, per what is allowed."""
+        """Return the largest motion from the middle of the static range, per half of that range."""
         static, found = self._static, self._motion(samples)
-        middle, half = 0.5 * (static.max() + static.min()), (0.5 + OVERTRAVEL) * float(np.ptp(static))
+        middle, half = 0.5 * (static.max() + static.min()), 0.5 * float(np.ptp(static))
         far = float(np.abs(found - middle).max()) / half if half > 0 else 0.0
         return far if math.isfinite(far) else math.inf
 
     @cached_property
     def _static(self) -> Array:
-        """The motion while the command goes slowly to both ends of the range."""
-        low, high = self.limits.level(0.0), self.limits.level(1.0)
-        there = math.ceil(max(self.settling, abs(high - low) / self.limits.slew) * self.limits.rate) + 1
+        """The motion while the command goes slowly to both ends of what the limits allow."""
+        low, high = self.limits.low, self.limits.high
+        there = math.ceil(max(self.settling, (high - low) / self.limits.slew) * self.limits.rate) + 1
         return self._motion(
             np.interp(np.arange(3 * there + 1) / there, np.arange(4), [self.limits.home, high, low, high])
         )

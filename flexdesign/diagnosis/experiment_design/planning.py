@@ -15,18 +15,15 @@ from flexdesign.core.whole_files import written_whole
 from flexdesign.diagnosis.experiment_design import limits
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import (
-    ASSUMED_NOISE,
     Resolved,
     required_experiments,
     resolve_effects,
 )
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, other_excitations, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits
+from flexdesign.diagnosis.preparation.dataset import OF_STROKE
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import AXES, DESCRIPTION
-
-#: Where the comments of a description begin.
-_COLUMN = 44
 
 
 @dataclass(frozen=True)
@@ -95,9 +92,9 @@ class Plan:
             f"format = {FORMAT}",
             f"title = {quote(self.title)}",
             f'axis = "{self.axis}"',
-            with_comment('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
+            with_comment('command_is = "dac"', "what u is: dac (what was sent), stack or monitor"),
             f'limits = ["{self.limits.low:g} V", "{self.limits.high:g} V"]',
-            with_comment('between_samples = "hold"', "what the command does between its samples", _COLUMN),
+            with_comment('between_samples = "hold"', "what the command does between its samples"),
             "closed_loop = false",
             "",
             f"[sensors.{self.axis}]",
@@ -168,7 +165,7 @@ def plan_experiments(
     if resolve:
         progress(f"simulating {resolve[0]} and {resolve[1]}")
         menu = [*commands, *other_excitations(dynamics, kept)]
-        resolved = resolve_effects(dynamics, resolve, menu, noise or ASSUMED_NOISE * dynamics.stroke)
+        resolved = resolve_effects(dynamics, resolve, menu, noise or OF_STROKE * dynamics.stroke)
         commands = required_experiments(commands, resolved)
     title = f"{model.title or model.name}: axis {chosen} on the bench"
     return Plan(title, chosen, axis_model, commands, kept, resolved, noise, seed)
@@ -207,9 +204,9 @@ def _sensor(axis: str, model: AxisModel, noise: float | None) -> list[str]:
         low, high = (units.to_text(end, large, 6, model.response) for end in model.sensor.range)
         span = f'range = ["{low}", "{high}"]'
     return [
-        with_comment(remarks, "standard deviation of a reading at rest", _COLUMN),
+        with_comment(remarks, "standard deviation of a reading at rest"),
         span,
-        with_comment('# point = ["... mm", "... mm", "... mm"]', "where on the table it looks", _COLUMN),
+        with_comment('# point = ["x mm", "y mm", "z mm"]', "where on the table it looks"),
         f"direction = {along}",
     ]
 
@@ -220,4 +217,4 @@ def _conditions(command: Command, model: AxisModel) -> list[str]:
     if model.mass is None:
         return ["# weigh the mass, and write it here:", '# conditions = { payload = "... g" }']
     mass = units.to_text(ADDED_MASS * model.mass, "g", 2, "kg")
-    return [with_comment(f'conditions = {{ payload = "{mass}" }}', "suggested; write what you weighed", _COLUMN)]
+    return [with_comment(f'conditions = {{ payload = "{mass}" }}', "suggested; write what you weighed")]

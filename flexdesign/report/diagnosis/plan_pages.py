@@ -11,9 +11,9 @@ from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
-from flexdesign.diagnosis.experiment_design.discrimination import CLEAR_DIFFERENCE
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
 from flexdesign.diagnosis.experiment_design.planning import Plan
+from flexdesign.estimation.criterion import CONFLICT
 from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
 
@@ -42,7 +42,7 @@ def document(plan: Plan) -> Document:
     sections = [_commands(files, limits, plan.seed), _limits(limits), _by_hand(files)]
     if resolved is not None:
         summary.insert(0, verdict(resolved))
-        sections.insert(0, _separation(resolved))
+        sections.insert(0, _separation(resolved, plan.noise is None))
     return Document(plan.title, summary, [section for section in sections if section.tables or section.figures])
 
 
@@ -52,7 +52,7 @@ def verdict(resolved: Resolved) -> str:
     if not resolved.proposed:
         return (
             f"None of these experiments distinguishes {first} from {second}: none differs by more than "
-            f"{CLEAR_DIFFERENCE:g} times the sensor's noise. Record longer, average, or use a better sensor."
+            f"{CONFLICT:g} times the sensor's noise. Record longer, average, or use a better sensor."
         )
     best = resolved.proposed[0]
     others = [_plain(each.command) for each in resolved.proposed[1:]]
@@ -77,7 +77,7 @@ def separations(resolved: Resolved) -> Table:
     return Table(["experiment", "by hand", f"difference {unit}", "over noise"], rows)
 
 
-def _separation(resolved: Resolved) -> Section:
+def _separation(resolved: Resolved, is_assumed: bool) -> Section:
     first, second = resolved.effects
     response = first.without.axis.response
     unit, factor = effect_charts.DISPLAY_UNITS[response]
@@ -86,7 +86,8 @@ def _separation(resolved: Resolved) -> Section:
     text = [
         f"Simulated with {sentences}, each of which changes a reading by 1 % of the stroke, rms. In each experiment "
         "the second is given the strength, the gain, the offset and the damping that fit the first best there and on "
-        f"the medium multisine. Noise of the sensor: {noise}, rms.",
+        f"the medium multisine. Noise of the sensor: {noise}, rms"
+        f"{', assumed, as neither the model nor --sensor-noise states it' if is_assumed else ''}.",
     ]
     figures = []
     for each in resolved.proposed:
