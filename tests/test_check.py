@@ -155,18 +155,6 @@ def test_a_held_command() -> None:
     assert "u changes at every 4. sample only: it is held, at 250 Hz" in said(run("a", u, reading(u)), clean()[1])
 
 
-def test_a_clipped_command() -> None:
-    u = np.clip(60 + 80 * np.sin(2 * np.pi * 5 * T), 0, 120)
-    text = said(run("a", u, reading(u)), clean()[1])
-    assert "u stays at its largest value, 120 V, in many stretches: it looks clipped" in text
-
-
-def test_a_square_wave_is_not_clipped() -> None:
-    """It stands at its ends, from zero on, and passes through nothing between."""
-    u = np.where(T < 0.05, 0.0, np.where(np.sin(2 * np.pi * 2 * T) > 0, 60.0, -60.0))
-    assert "clipped" not in said(run("a", u, reading(u)), clean()[1])
-
-
 def test_a_response_that_does_not_follow() -> None:
     one, other = clean()
     other_noise = reading(np.random.default_rng(5).normal(size=N), 3)

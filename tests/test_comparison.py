@@ -111,8 +111,8 @@ def test_a_reversed_sign_is_asked_about() -> None:
     assert ["command or of the response reversed" in each for each in said] == [True, False, False]
     turned, sensed = recorded("a", levels()), recorded("b", levels(), replace(AXIS, gain=-AXIS.gain))
     residual = sensed.measured() - turned.measured()
-    assert "reversed" in reversal_doubt([sensed], {"b": residual})
-    assert not reversal_doubt([turned], {"a": 0 * residual})
+    assert "reversed" in reversal_doubt([sensed], [], {"b": residual})
+    assert not reversal_doubt([turned], [], {"a": 0 * residual})
 
 
 def test_every_run_has_initial_conditions_of_its_own() -> None:

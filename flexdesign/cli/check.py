@@ -20,7 +20,7 @@ RUNS are runs in time, frequency responses, static tables, or folders of them. N
     flexdesign check steps.csv response.csv --json
 
 **Result:** for each recording its kind of experiment, role, length, rate, channels, range and noise. Suspicions, each
-with a remedy: the same command in a fitted and a validation run; a command that is held, clipped, or shifted by a
+with a remedy: the same command in a fitted and a validation run; a command that is held, or shifted by a
 sample or by half of one; a response that is saturated, stuck, or does not follow; dropped samples and an irregular
 clock; filtered or unknown noise; too few samples in a period, or far more than needed; measurements in a static table
 that do not go together. Then the effects of the catalogue that these experiments can reveal, and for each other effect

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexdesign.core.errors import join_names
-from flexdesign.diagnosis.comparison.compare import reversal_doubt, reversal_doubt_of_lines
+from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict, displaced
 from flexdesign.diagnosis.models_without_physics import is_better_without_physics
@@ -165,7 +165,7 @@ def _confidence(
 ) -> str:
     """Return what weakens the verdict, in words; the fits have the residuals of the test runs."""
     residuals = history.nominal.residuals_by_run
-    doubt = reversal_doubt(data.runs, residuals) or reversal_doubt_of_lines(data.responses, residuals)
+    doubt = reversal_doubt(data.runs, data.responses, residuals)
     remarks = [doubt] if doubt else []
     if not data.noise.known:
         remarks.append(

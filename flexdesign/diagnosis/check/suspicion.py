@@ -1,4 +1,4 @@
-"""What would mislead a fit: commands that repeat, clipped or held ones, filtered noise, readings that do not follow."""
+"""What would mislead a fit: commands that repeat or are held, filtered noise, readings that do not follow."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.run import commanded_by
 
-#: A command is clipped if it stands at an end of its range in this number of separate stretches.
-CLIPPED_STRETCHES = 3
 #: Noise is filtered if its density in the upper part of the band is below this share of that in the middle.
 FILTERED_NOISE = 0.1
 #: A coherence below this: less than half of the power of the response follows the command.
@@ -72,9 +70,9 @@ def of_runs(runs: Sequence[Run], parts: Sequence[Run]) -> list[Suspicion]:
     ]
     found += _equal_commands(parts)
     for run in runs:
-        found += _of_command(run.name, run)
+        found += _of_command(run)
         for response in run.responses:
-            found += _of_response(run.name, run, response)
+            found += _of_response(run, response)
     return found
 
 
@@ -99,22 +97,14 @@ def _same(one: Run, other: Run) -> bool:
     return not differ and any(np.ptp(a) > 0 for a, _ in pairs)
 
 
-def _of_command(name: str, run: Run) -> list[Suspicion]:
+def _of_command(run: Run) -> list[Suspicion]:
     found = []
     for column in run.commands:
-        values = run.columns[column]
-        if np.ptp(values) == 0:
-            continue
-        if (every := held_for(values)) > 1:
+        if (every := held_for(run.columns[column])) > 1:
             rate = 1 / (every * run.period)
             what = f"{column} changes at every {every}. sample only: it is held, at {units.hertz(rate, 5)}"
             remedy = "" if run.between_is_stated else 'write between_samples = "hold" in measurements.toml'
-            found.append(Suspicion(name, what, remedy))
-        for end, remarks in ((values.max(), "largest"), (values.min(), "smallest")):
-            if _is_clipped(values, float(end)):
-                what = f"{column} stays at its {remarks} value, {end:.5g} V, in many stretches: it looks clipped"
-                remedy = "state the limits of the driver in the model, or record the voltage behind it"
-                found.append(Suspicion(name, what, remedy))
+            found.append(Suspicion(run.name, what, remedy))
     return found
 
 
@@ -129,21 +119,8 @@ def held_for(values: Array) -> int:
     return every if 1 < every < REST_SAMPLES and len(places) * every > 0.5 * len(values) else 1
 
 
-def _is_clipped(values: Array, end: float) -> bool:
-    """Tell whether a smooth command rests at one end in several stretches, and nowhere else as long."""
-    rests = np.diff(values) == 0
-    between = (values > values.min()) & (values < values.max())
-    reached = between[1:-1] & ~rests[:-1]  # by a sample on the way, which a square wave has not
-    lengths = [
-        last - first
-        for first, last in stretches(values == end)
-        if last - first > 2 and first > 1 and reached[first - 2]
-    ]
-    return len(lengths) >= CLIPPED_STRETCHES and int(np.count_nonzero(rests & between[1:])) < sum(lengths)
-
-
-def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
-    found, column = _of_outliers(name, run, response), commanded_by(response, run.columns)
+def _of_response(run: Run, response: str) -> list[Suspicion]:
+    found, column = _of_outliers(run, response), commanded_by(response, run.columns)
     if column is None:
         return found
     if run.si[response] == "V":
@@ -154,12 +131,12 @@ def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
     if (agrees := _coherence(run, response, column, spectra)) < LEAST_COHERENCE:
         what = f"{response} hardly follows {column}: their coherence is {agrees:.2f}"
         remedy = "check that both were recorded together, and the names of the columns"
-        return [*found, Suspicion(name, what, remedy)]
+        return [*found, Suspicion(run.name, what, remedy)]
     related = spectra.coherence > spectra.exceeded_by_chance(CHANCE)
     size = np.where(related, np.abs(spectra.across) / np.where(related, spectra.command, 1.0), np.nan)
     if (peak := _highest_peak(spectra.frequencies, size)) and FEWEST_PER_PERIOD * peak[0] * run.period > 1:
         what = f"{response} rings at about {units.hertz(peak[0])} and is sampled at {units.hertz(1 / run.period, 5)}"
-        found.append(Suspicion(name, what, f"sample {FEWEST_PER_PERIOD} times in a period or more"))
+        found.append(Suspicion(run.name, what, f"sample {FEWEST_PER_PERIOD} times in a period or more"))
     timing = timing_of(run, response)
     if timing == "early":
         what = (
@@ -167,11 +144,11 @@ def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
             f"command but follows from {response}, as in a closed loop"
         )
         remedy = "check the trigger; shift one of the columns by a row; write closed_loop = true where it was closed"
-        found.append(Suspicion(name, what, remedy))
+        found.append(Suspicion(run.name, what, remedy))
     elif timing == "held" and not run.between_is_stated:
         what = f"{response} answers {column} half a sample later than straight lines between its samples make it"
         remedy = 'the command was held: write between_samples = "hold" in measurements.toml; else it looks late'
-        found.append(Suspicion(name, what, remedy))
+        found.append(Suspicion(run.name, what, remedy))
     return found
 
 
@@ -198,7 +175,7 @@ def _coherence(run: Run, response: str, column: str, spectra: CrossSpectra) -> f
     return float(max(weighted, correlation**2))
 
 
-def _of_outliers(name: str, run: Run, response: str) -> list[Suspicion]:
+def _of_outliers(run: Run, response: str) -> list[Suspicion]:
     samples = outliers(run, response)
     if not len(samples):
         return []
@@ -210,31 +187,23 @@ def _of_outliers(name: str, run: Run, response: str) -> list[Suspicion]:
         f"first at {run.time[samples[0]]:.6g} s, while no command jumps: these are no motion"
     )
     remedy = "leave their cells empty; if the sensor writes that beyond its range, state its range in measurements.toml"
-    return [Suspicion(name, what, remedy)]
+    return [Suspicion(run.name, what, remedy)]
 
 
 def of_noise(response: str, noise: NoiseFloor) -> list[Suspicion]:
     """Return what is suspicious of the noise of a response."""
     found = [Suspicion("", f"noise of {response}: {remark}", "") for remark in noise.remarks]
     if not noise.known:
+        what = f"the noise of {response} is unknown, as no part of the recordings shows it alone"
         remedy = 'record a quiet stretch or one command twice, or write noise = "3 nm" in measurements.toml'
-        return [
-            *found,
-            Suspicion("", f"the noise of {response} is unknown, as no part of the recordings shows it alone", remedy),
-        ]
+        return [*found, Suspicion("", what, remedy)]
     for name in noise.rms:
-        if (density := _upper_density(noise, name)) < FILTERED_NOISE:
-            what = f"the noise of {response} is filtered: near the Nyquist frequency its density falls to {density:.2g}"
+        density = noise.whitening.process(name).density(np.array([0.15, 0.45]), 1.0)
+        if (share := float(density[1] / density[0])) < FILTERED_NOISE:
+            what = f"the noise of {response} is filtered: near the Nyquist frequency its density falls to {share:.2g}"
             remedy = "switch filters and averaging off, or give the sensor its bandwidth in the model: filters delay"
             return [*found, Suspicion(name, what, remedy)]
     return found
-
-
-def _upper_density(noise: NoiseFloor, name: str) -> float:
-    """Return the density of the noise near the Nyquist frequency over that in the middle of the band."""
-    process = noise.whitening.process(name)
-    upper, middle = (process.density(np.linspace(low, high, 20), 1.0) for low, high in ((0.42, 0.5), (0.1, 0.2)))
-    return float(np.mean(upper) / np.mean(middle))
 
 
 def of_response(response: FrequencyResponse) -> list[Suspicion]:

@@ -123,16 +123,12 @@ class Comparison:
     @property
     def rms(self) -> float:
         """Root of the mean square over runs, each counting the same [response]; NaN without runs."""
-        if not self.runs:
-            return math.nan
-        return math.sqrt(float(np.mean([run.rms**2 for run in self.runs])))
+        return math.sqrt(np.mean([run.rms**2 for run in self.runs])) if self.runs else math.nan
 
     @property
     def floor(self) -> float:
         """The same of the noise [response]."""
-        if not self.runs:
-            return math.nan
-        return math.sqrt(float(np.mean([run.noise_floor**2 for run in self.runs])))
+        return math.sqrt(np.mean([run.noise_floor**2 for run in self.runs])) if self.runs else math.nan
 
     @property
     def unexplained(self) -> float:
@@ -142,11 +138,9 @@ class Comparison:
     @property
     def is_noise(self) -> bool:
         """Whether the error of the runs is noise, but for chance; False without runs."""
-        if not self.runs:
-            return False
         count = sum(int(np.isfinite(run.residual).sum()) for run in self.runs)
         level = 2 * self.noise.relative_error if self.noise.known else 0.0
-        return (self.rms / self.floor) ** 2 - 1 <= allowed_excess(count, level)
+        return bool(self.runs) and (self.rms / self.floor) ** 2 - 1 <= allowed_excess(count, level)
 
     @property
     def agrees(self) -> bool:
@@ -164,16 +158,9 @@ class Comparison:
 
 
 def compare_run(dynamics: AxisDynamics, run: Run, noise_floor: float) -> RunComparison:
-    """Compare a run with the prediction of a model, the offset of the sensor removed, where both compare.
+    """Compare a run, as its axis sees it, with a prediction, the offset of the sensor removed, where both compare.
 
     What a mode did before the record began is unknown: until it has decayed, the run is not compared.
-
-    Parameters
-    ----------
-    dynamics, run
-        The model, and the run as its axis sees it.
-    noise_floor
-        Standard deviation of the noise [response].
 
     Raises
     ------
@@ -211,29 +198,18 @@ def remarks_of(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
 
 
 def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
-    """Return the correlation of measured and predicted motion in all runs together, about the mean of each run.
-
-    Parameters
-    ----------
-    runs
-        Measured and predicted values of each run, n each [response]; NaN where there is no reading.
-
-    Returns
-    -------
-    float
-        From -1 to 1; NaN if nothing moves.
+    """Return the correlation of measured and predicted motion of runs, about the mean of each; NaN if nothing moves.
 
     >>> t = np.linspace(0, 20, 500)
     >>> round(correlation([(np.sin(t), -2 * np.sin(t)), (np.cos(t) + 5, -np.cos(t))]), 3)
     -1.0
     """
-    products = np.zeros(3)
+    both, of_measured, of_predicted = 0.0, 0.0, 0.0
     for measured, predicted in runs:
         seen = np.isfinite(measured) & np.isfinite(predicted)
         if seen.any():
             a, b = (values[seen] - values[seen].mean() for values in (measured, predicted))
-            products += (a @ b, a @ a, b @ b)
-    both, of_measured, of_predicted = products
+            both, of_measured, of_predicted = both + a @ b, of_measured + a @ a, of_predicted + b @ b
     return float(both / math.sqrt(of_measured * of_predicted)) if of_measured and of_predicted else math.nan
 
 
@@ -247,21 +223,17 @@ def reversal_question(found: float) -> str:
     )
 
 
-def reversal_doubt(runs: Sequence[Run], residuals: Mapping[str, Array]) -> str:
-    """Return the question to ask of runs and their residuals by name [response]; empty if there is none."""
-    moving = [run for run in runs if run.name in residuals and np.ptp(run.command())]
-    return reversal_question(correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving))
+def reversal_doubt(runs: Sequence[Run], responses: Sequence[FrequencyResponse], residuals: Mapping[str, Array]) -> str:
+    """Return the question to ask of runs or frequency responses, by their residuals [response]; empty if there is none.
 
-
-def reversal_doubt_of_lines(responses: Sequence[FrequencyResponse], residuals: Mapping[str, Array]) -> str:
-    """Return the question to ask of frequency responses and their residuals by name [response/V]; empty if none.
-
-    The correlation is the mean cosine of the phase between measured and predicted lines, whatever their size.
+    Of frequency responses, it is the mean cosine of the phase between measured and predicted lines, whatever their
+    size.
     """
+    moving = [run for run in runs if run.name in residuals and np.ptp(run.command())]
+    doubt = reversal_question(correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving))
     cosines = list[Array]()
     for each in responses:
         real, imaginary = np.split(each.measured() - residuals[each.name], 2)
         both = each.response * (real - 1j * imaginary)
-        both = both[each.present & (both != 0)]
-        cosines.append(both.real / np.abs(both))
-    return reversal_question(float(np.mean(np.concatenate(cosines)))) if cosines else ""
+        cosines.append(np.cos(np.angle(both[each.present & (both != 0)])))
+    return doubt or (reversal_question(float(np.mean(np.concatenate(cosines)))) if cosines else "")

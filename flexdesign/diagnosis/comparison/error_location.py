@@ -164,9 +164,8 @@ def where(
         Breakdown("voltage", "V", in_regions(command)),
     ]
     if (after := np.isfinite(since)).any():
-        shortest = max(min(run.period for run in runs), 1e-6)
-        longest = max(float(since[after].max()), 2 * shortest)
-        decades = range(math.floor(math.log10(shortest)) + 1, math.ceil(math.log10(longest) - 1e-9) + 1)
+        first, last = (math.log10(value) for value in (min(run.period for run in runs), since[after].max()))
+        decades = range(math.floor(first) + 1, max(math.ceil(last - 1e-9), math.floor(first) + 2) + 1)
         excess, total = float((squares - noise)[after].sum()), float((squares - noise).sum())
         covers = min(max(excess / total, 0.0), 1.0) if total > 0 else 0.0
         parts = between(since, [0.0, *(10.0**k for k in decades)])

@@ -101,30 +101,29 @@ def join_halves(
     """
     halves: dict[str, list[FrequencyResponse]] = {}
     for each in responses:
-        split = each.name.endswith((":identify", ":validate"))
-        halves.setdefault(each.name.rpartition(":")[0] if split else each.name, []).append(each)
+        halves.setdefault(each.name.removesuffix(":identify").removesuffix(":validate"), []).append(each)
     made = []
     for name, parts in halves.items():
-        measured, predicted = (np.full(len(parts[0].frequencies), np.nan + 0j) for _ in range(2))
+        first, line_noise = parts[0], noise[parts[0].name]
+        measured, predicted = (np.full(len(first.frequencies), np.nan + 0j) for _ in range(2))
         validation = np.zeros(len(measured), dtype=bool)
         for part in parts:
-            there, count = part.present, len(part.frequencies)
-            rest = left[part.name][:count] + 1j * left[part.name][count:]
-            measured[there], predicted[there] = part.response[there], (part.response - rest)[there]
-            validation |= there if part.role == "validate" or len(parts) == 1 else False
-        line_noise = noise[parts[0].name]
+            real, imaginary = np.split(left[part.name], 2)
+            measured[part.present] = part.response[part.present]
+            predicted[part.present] = (part.response - real - 1j * imaginary)[part.present]
+            validation |= part.present & (part.role == "validate" or len(parts) == 1)
         made.append(
             ResponseComparison(
-                name,
-                parts[0].role if validation.all() else "validate",
-                parts[0].frequencies,
-                measured,
-                predicted,
-                line_noise.sigma,
-                parts[0].coherence,
-                validation,
-                line_noise.known,
-                parts[-1].remarks,
+                name=name,
+                role=first.role if validation.all() else "validate",
+                frequencies=first.frequencies,
+                measured=measured,
+                predicted=predicted,
+                sigma=line_noise.sigma,
+                coherence=first.coherence,
+                validation=validation,
+                known=line_noise.known,
+                remarks=parts[-1].remarks,
             )
         )
     return tuple(made)

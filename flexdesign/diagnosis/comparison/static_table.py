@@ -114,18 +114,19 @@ def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, 
     remarks: list[str] = []
     columns = [*itertools.product(LOADS, SIGNS), *((quantity, "") for quantity in DISPLACEMENTS)]
     while True:
-        before, best = model.predict(table), (BETTER, table, "")
+        errors, trials = _errors(model, table), []
         for column, way in columns:
             turned = replace(table, rows=tuple(_turned(row, column, way) for row in table.rows))
-            concerned = np.array([a is not b for a, b in zip(turned.rows, table.rows, strict=True)])
-            if concerned.any() and (was := _error(before[concerned], table.measured()[concerned])):
-                share = _error(model.predict(turned)[concerned], turned.measured()[concerned]) / was
+            concerned = [a is not b for a, b in zip(turned.rows, table.rows, strict=True)]
+            if errors[concerned].any():
+                left = np.linalg.norm(_errors(model, turned)[concerned]) / np.linalg.norm(errors[concerned])
                 rows = f"rows with {column}{way} agree better with the model if {column} has the other sign"
-                best = min(best, (share, turned, f"{rows}: it was taken so"), key=lambda trial: trial[0])
-        if best[2] in ("", *remarks):
+                trials.append((float(left), turned, f"{rows}: it was taken so"))
+        share, turned, remark = min(trials, key=lambda trial: trial[0], default=(1.0, table, ""))
+        if share >= BETTER or remark in remarks:
             return table, tuple(remarks)
-        table = best[1]
-        remarks.append(best[2])
+        table = turned
+        remarks.append(remark)
 
 
 def _turned(row: Row, column: str, way: str) -> Row:
@@ -138,5 +139,5 @@ def _turned(row: Row, column: str, way: str) -> Row:
     return replace(row, load=tuple(-f if i == place else f for i, f in enumerate(row.load)))
 
 
-def _error(predicted: Array, measured: Array) -> float:
-    return float(np.sqrt(np.mean(((predicted - measured) / measured) ** 2)))
+def _errors(model: StaticModel, table: StaticTable) -> Array:
+    return np.asarray(model.predict(table) / table.measured() - 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
@@ -14,20 +13,6 @@ from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits
 from flexdesign.dynamics.trajectories import Multisine
 from flexdesign.measurements.recordings import AXES, Role, Run
 
-#: What an experiment shows; reports draw each kind in its own way.
-Kind = Literal[
-    "quiet",
-    "steps",
-    "multisine",
-    "triangle",
-    "staircase",
-    "hold",
-    "sine",
-    "levels",
-    "push",
-    "temperature",
-    "other axis",
-]
 #: The temperature of a room [K].
 ROOM_TEMPERATURE = 293.15
 #: Draws of random phases, of which the one with the lowest peaks is taken.
@@ -43,7 +28,7 @@ class Command:
     name
         As its file is called, without the number before it.
     kind, purpose
-        What it shows; what it is for, in words.
+        What it shows, a key of `KIND_WORDS`, or ``sine`` or ``levels`` for validation; what it is for, in words.
     samples
         The command, n values [V].
     period
@@ -67,7 +52,7 @@ class Command:
     """
 
     name: str
-    kind: Kind
+    kind: str
     purpose: str
     samples: Array
     period: float

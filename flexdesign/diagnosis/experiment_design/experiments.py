@@ -20,7 +20,6 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design.commands import (
     ROOM_TEMPERATURE,
     Command,
-    Kind,
     multisine,
     on_grid,
     other_than,
@@ -142,7 +141,7 @@ class _Maker:
         self.resolution = limits.rate / math.ceil(limits.rate / wanted)
         self.band = (lowest / 40, min(limits.bandwidth, 3 * highest))
 
-    def command(self, name: str, kind: Kind, purpose: str, samples: Array, **more: Any) -> Command:
+    def command(self, name: str, kind: str, purpose: str, samples: Array, **more: Any) -> Command:
         """Return samples [V] as a command, rounded to the grid."""
         return Command(name, kind, purpose, on_grid(samples, self.limits), self.period, **more)
 
@@ -151,7 +150,7 @@ class _Maker:
         return np.full(round(duration * self.limits.rate) + 1, self.limits.home)
 
     def levels(
-        self, name: str, kind: Kind, purpose: str, shares: Sequence[float] | Array, dwell: float | Array,
+        self, name: str, kind: str, purpose: str, shares: Sequence[float] | Array, dwell: float | Array,
         role: Role = "identify",
     ) -> Command:  # fmt: skip
         """Return levels, given as shares of the range, each held for a time [s]; a single one is marked."""
@@ -196,9 +195,11 @@ class _Maker:
         steepest = float(np.abs(np.diff(make(1.0)[0])).max())
         if steepest > self.limits.step:
             share, why = self.limits.step / steepest * (1 - 1e-9), "slew limit"
+        middle, half = self._static_range
         for _ in range(3):  # hysteresis makes the motion grow by a little less than the command
-            if (far := self._too_far(make(share)[0])) > 1:
-                share, why = 0.98 * share / far, "range of motion"
+            far = float(np.abs(self._motion(make(share)[0]) - middle).max())
+            if half > 0 and not far <= half:  # also where the motion runs away
+                share, why = 0.98 * share * half / far if math.isfinite(far) else 0.0, "range of motion"
         if share < LEAST_SHARE:
             remedy = (
                 f"{why} leaves {100 * share:.2g} % of what {name} needs; allow a faster slew, or a lower --bandwidth"
@@ -206,21 +207,14 @@ class _Maker:
             raise InputError("command line", "plan", name, remedy)
         return *make(share), share * size, f"reduced to {100 * share:.0f} % by the {why}" if why else ""
 
-    def _too_far(self, samples: Array) -> float:
-        """Return the largest motion from the middle of the static range, per half of that range."""
-        static, found = self._static, self._motion(samples)
-        middle, half = 0.5 * (static.max() + static.min()), 0.5 * float(np.ptp(static))
-        far = float(np.abs(found - middle).max()) / half if half > 0 else 0.0
-        return far if math.isfinite(far) else math.inf
-
     @cached_property
-    def _static(self) -> Array:
-        """The motion while the command goes slowly to both ends of what the limits allow."""
-        low, high = self.limits.low, self.limits.high
-        there = math.ceil(max(self.settling, (high - low) / self.limits.slew) * self.limits.rate) + 1
-        return self._motion(
-            np.interp(np.arange(3 * there + 1) / there, np.arange(4), [self.limits.home, high, low, high])
-        )
+    def _static_range(self) -> tuple[float, float]:
+        """Middle and half of the motion while the command goes slowly to both ends of what the limits allow."""
+        limits = self.limits
+        there = math.ceil(max(self.settling, (limits.high - limits.low) / limits.slew) * limits.rate) + 1
+        corners = [limits.home, limits.high, limits.low, limits.high]
+        motion = self._motion(np.interp(np.arange(3 * there + 1) / there, np.arange(4), corners))
+        return 0.5 * float(motion.max() + motion.min()), 0.5 * float(np.ptp(motion))
 
     def _motion(self, samples: Array) -> Array:
         tried = self.command("tried", "sine", "", samples)

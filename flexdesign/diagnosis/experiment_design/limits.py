@@ -131,19 +131,28 @@ def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> 
         of the commands.
     """
     asked, axis, file = asked or StatedLimits(), model.axes[name], f"{model.name or 'stage model'}.toml"
-    origin: dict[str, str] = {}
-    low, high = _volts(axis, name, file, asked, origin)
+    low, high, volts_from = _volts(axis, name, file, asked)
     capacitance = None
     if axis.actuator is not None and axis.actuator.capacitance is not None:
         capacitance = axis.actuator.capacitance * axis.actuator.count * abs(axis.driver.gain)
-    rate = asked.rate or model.controller.rate
-    origin["rate"] = "--rate" if asked.rate else "controller.rate"
-    slew = _slew(axis, name, file, asked, capacitance, origin)
+    rate, rate_from = (asked.rate, "--rate") if asked.rate else (model.controller.rate, "controller.rate")
+    slew, slew_from = _slew(axis, name, file, asked, capacitance)
     if slew / rate < 100 * COMMAND_GRID:
         remedy = f"allows {slew / rate:.2g} V per sample, less than commands resolve; allow more, or sample slower"
-        raise InputError("command line" if asked.slew else file, origin["slew"], f"{slew:g} V/s", remedy)
-    bandwidth = _bandwidth(axis, asked, rate, file, origin)
-    return Limits(low, high, slew, bandwidth, rate, capacitance, origin)
+        raise InputError("command line" if asked.slew else file, slew_from, f"{slew:g} V/s", remedy)
+    highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
+    wanted, nyquist = ABOVE_RESONANCE * highest, BELOW_NYQUIST * rate
+    if nyquist < wanted:
+        fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
+        remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more"
+        raise InputError("command line" if asked.rate else file, rate_from, f"{rate:g} Hz", remedy)
+    if asked.bandwidth is not None and not wanted <= asked.bandwidth <= nyquist:
+        what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
+        remedy = f"commands must reach from {wanted:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
+        raise InputError("command line", "--bandwidth", f"{asked.bandwidth:g} Hz", remedy)
+    bandwidth_from = "--bandwidth" if asked.bandwidth else f"{BELOW_NYQUIST:g} of the sampling rate"
+    origin = {"volts": volts_from, "slew": slew_from, "bandwidth": bandwidth_from, "rate": rate_from}
+    return Limits(low, high, slew, asked.bandwidth or nyquist, rate, capacitance, origin)
 
 
 def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
@@ -166,30 +175,30 @@ def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
     raise InputError(f"{model.name or 'stage model'}.toml", f"axis.{name}.driver.slew", None, remedy)
 
 
-def _volts(axis: AxisModel, name: str, file: str, asked: StatedLimits, origin: dict[str, str]) -> tuple[float, float]:
+def _volts(axis: AxisModel, name: str, file: str, asked: StatedLimits) -> tuple[float, float, str]:
+    """Return the lowest and the highest command [V], and where they come from."""
     low, high = stages.command_limits(axis)
-    origin["volts"] = f"axis.{name}.actuator.voltage_range and driver.limits"
+    origin = f"axis.{name}.actuator.voltage_range and driver.limits"
     if asked.volts is not None:
         first, last = asked.volts
-        if not first < last:
-            raise InputError("command line", "--volts", f"{first:g} V {last:g} V", "the first must be the lower one")
-        if first < low or last > high:
+        if first >= last or first < low or last > high:
             remedy = (
                 f"lies outside of {low:g} V to {high:g} V, what driver and actuator of axis {name} allow; stay within"
             )
+            if first >= last:
+                remedy = "the first must be the lower one"
             raise InputError("command line", "--volts", f"{first:g} V {last:g} V", remedy)
-        low, high, origin["volts"] = first, last, "--volts"
+        low, high, origin = first, last, "--volts"
     if not math.isfinite(high - low):
         remedy = (
             'is missing, so no voltage is known to be safe; write voltage_range = ["0 V", "150 V"], or give --volts'
         )
         raise InputError(file, f"axis.{name}.actuator.voltage_range", None, remedy)
-    return low, high
+    return low, high, origin
 
 
-def _slew(
-    axis: AxisModel, name: str, file: str, asked: StatedLimits, capacitance: float | None, origin: dict[str, str]
-) -> float:
+def _slew(axis: AxisModel, name: str, file: str, asked: StatedLimits, capacitance: float | None) -> tuple[float, str]:
+    """Return the fastest change of a command [V/s], and where it comes from."""
     limits = {f"axis.{name}.driver.slew": axis.driver.slew / abs(axis.driver.gain)}
     if asked.slew is not None:
         limits["--slew"] = asked.slew
@@ -198,23 +207,5 @@ def _slew(
             remedy = 'is missing, so a current says nothing of the slew; write capacitance = "3.6 uF", or give --slew'
             raise InputError(file, f"axis.{name}.actuator.capacitance", None, remedy)
         limits["--current"] = asked.current / capacitance
-    origin["slew"] = min(limits, key=lambda key: limits[key])
-    return limits[origin["slew"]]
-
-
-def _bandwidth(axis: AxisModel, asked: StatedLimits, rate: float, file: str, origin: dict[str, str]) -> float:
-    highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
-    wanted, nyquist = ABOVE_RESONANCE * highest, BELOW_NYQUIST * rate
-    if nyquist < wanted:
-        fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
-        remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more"
-        raise InputError("command line" if asked.rate else file, origin["rate"], f"{rate:g} Hz", remedy)
-    if asked.bandwidth is None:
-        origin["bandwidth"] = f"{BELOW_NYQUIST:g} of the sampling rate"
-        return nyquist
-    if not wanted <= asked.bandwidth <= nyquist:
-        what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
-        remedy = f"commands must reach from {wanted:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
-        raise InputError("command line", "--bandwidth", f"{asked.bandwidth:g} Hz", remedy)
-    origin["bandwidth"] = "--bandwidth"
-    return asked.bandwidth
+    slowest = min(limits, key=lambda key: limits[key])
+    return limits[slowest], slowest

@@ -102,22 +102,22 @@ def diagnose(
     tried = singles = _sort(fit_with(before, case) for case in candidates)
     nearest, explanations = before, list[Trial]()
     if not before.is_adequate:
+        nearest = next((trial for trial in singles if trial.is_significant_against(before, len(singles))), before)
         last = (*TRIED_LAST, *(TRIED_LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
         every = _accepted_trials(before, singles, len(singles))
         first = _accepted_trials(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
         explanations = first or every
-        unlikely = {
-            statics.find(trial.names[0]).name.replace("_", " ") for trial in every if first and trial not in first
-        }
-        remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(unlikely))
-        nearest = next((trial for trial in singles if trial.is_significant_against(before, len(singles))), before)
-    if not (before.is_adequate or explanations):
-        # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
-        often = [c for c in candidates if not {*c} & {*TRIED_LAST_OF_SEVERAL} or not any(r.load for r in table.rows)]
-        pairs = _sort(fit_with(before, pair) for pair in _pairs(often, progress))
-        # Two causes, of which one contradicts the design, are believed of nothing.
-        sound = [trial for trial in pairs if not trial.excess_modulus(before)]
-        explanations, tried = _accepted_trials(nearest, sound, len(pairs)), [*singles, *pairs]
+        seldom = {statics.find(t.names[0]).name.replace("_", " ") for t in every if t not in explanations}
+        remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(seldom))
+        if not explanations:
+            # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
+            slow = {*TRIED_LAST, *(TRIED_LAST_OF_SEVERAL if any(row.load for row in table.rows) else ())}
+            pairs = _sort(
+                fit_with(before, pair) for pair in _pairs([c for c in candidates if not {*c} & slow], progress)
+            )
+            # Two causes, of which one contradicts the design, are believed of nothing.
+            sound = [trial for trial in pairs if not trial.excess_modulus(before)]
+            explanations, tried = _accepted_trials(nearest, sound, len(pairs)), [*singles, *pairs]
     best, *alike = explanations or [nearest]
     verdict: Verdict = "effects-found" if explanations else "nothing-missing" if before.is_adequate else "unknown"
     progress("leaving out each row in turn")
@@ -155,10 +155,9 @@ def add(
 def _pairs(candidates: Sequence[Cases], progress: Callable[[str], None]) -> Iterable[Cases]:
     """Return all pairs of different effects."""
     for one, other in itertools.combinations(candidates, 2):
-        pair = {**one, **other}
-        if len(pair) == 2 and not {*pair} & {*TRIED_LAST}:
-            progress(f"trying {' and '.join(pair)}")
-            yield pair
+        if not {*one} & {*other}:
+            progress(f"trying {' and '.join((*one, *other))}")
+            yield {**one, **other}
 
 
 def _sort(trials: Iterable[Trial | None]) -> list[Trial]:
@@ -172,18 +171,13 @@ def _accepted_trials(before: Trial, trials: Sequence[Trial], count: int) -> list
     Trials that the design excludes come last. The probability of an effect that was tried with several constants is
     shared among them.
     """
-    good: list[Trial] = []
-    for trial in trials:
-        if good and trial.bic > good[0].bic + INDISTINGUISHABLE:
-            break
-        if trial.is_significant_against(before, count) and trial.is_adequate:
-            good.append(trial)
+    good = [trial for trial in trials if trial.is_significant_against(before, count) and trial.is_adequate]
     times = Counter(trial.names for trial in trials)
 
     def order(trial: Trial) -> tuple[bool, float]:
         return trial.excess_modulus(before) != 0, trial.bic + 2 * math.log(times[trial.names])
 
-    return sorted(good, key=order)
+    return sorted((trial for trial in good if trial.bic <= good[0].bic + INDISTINGUISHABLE), key=order)
 
 
 def _before(model: StaticModel, table: StaticTable) -> tuple[Trial, tuple[str, ...]]:

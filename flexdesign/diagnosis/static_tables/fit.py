@@ -16,7 +16,7 @@ from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertain
 from flexdesign.analytic.static_model.uncertainty import LEVEL
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Member, Observation, Parameter, Reshape
+from flexdesign.core.model import Member, Parameter, Reshape
 from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import Value
 from flexdesign.effects import statics
@@ -123,32 +123,27 @@ def constant(name: str) -> Parameter | None:
 
 
 def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, tuple[float, ...]]]:
-    """Return an effect with each value of its discrete constant that changes the predicted table differently."""
-    own, nominal = constant(name), {p.name: float(p.start or 0.0) for p in statics.find(name).parameters}
-    if own is None:
-        # A displacement takes long to compute: what does not change one is not fitted.
-        if any(row.load for row in table.rows):
-            with_it = model.with_effect(statics.find(name), name)
-            there = with_it.replace({f"{name}.{key}": number for key, number in nominal.items()})
-            if np.allclose(there.predict(table), model.predict(table), rtol=1e-6, atol=0):
-                return []
-        return [{name: ()}]
-    found = dict[int, list[float]]()
+    """Return an effect with each value of its discrete constant that changes the predicted table differently.
+
+    An effect without such a constant is one case, if its start values change the table.
+    """
+    own, with_it = constant(name), model.with_effect(statics.find(name), name)
+    nominal = {f"{name}.{p.name}": float(p.start or 0.0) for p in statics.find(name).parameters}
+    found = dict[int, tuple[float, ...]]()
     predictions = [model.predict(table)]  # of the model itself: what changes nothing is not tried
-    for each in own.screen:
-        with_it = model.with_effect(statics.find(name), name)
-        values = {f"{name}.{key}": number for key, number in {**nominal, own.name: each}.items()}
+    for choice in [(float(each),) for each in own.screen] if own else [()]:
+        values = nominal | {f"{name}.{own.name}": number for number in choice if own}
         try:
             predictions.append(with_it.replace(values).predict(table))
         except InputError:  # cannot be built
             continue
         same = next(i for i, other in enumerate(predictions) if np.allclose(other, predictions[-1], rtol=1e-9, atol=0))
-        found.setdefault(same, []).append(float(each))
-    return [{name: tuple(numbers)} for same, numbers in found.items() if same]
+        found[same] = found.get(same, ()) + choice
+    return [{name: numbers} for same, numbers in found.items() if same]
 
 
 def fit_with(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | None:
-    """Fit a model with some effects more to the same table, from the values of a trial perhaps.
+    """Fit a model with further effects to the same table, from the values of a trial if one is near.
 
     None where no values of theirs give numbers, or there are too few rows.
     """
@@ -164,19 +159,14 @@ def fit_with(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | 
         return replace(before, cases=cases, model=with_them)
     if len(free) >= len(before.table.rows):
         return None
-    problem = Problem(
-        Dataset([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
-    )
+    no_offsets = np.zeros((len(before.table.rows), 0)), np.zeros(0)
+    dataset = Dataset([before.table], before.noise, lambda _: no_offsets)
+    problem = Problem(dataset, with_them, coordinates(with_them, [p.name for p in free], {}))
     start = near.solution.x if near and near.solution else _start(problem)
     found = solve(problem, start, small=1e-4)  # a hundredth of a standard deviation
     if found is None:
         return None
     return replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)
-
-
-def _exact(table: Observation) -> tuple[Array, Array]:
-    """Return no nuisance columns: a table has no offset."""
-    return np.zeros((len(table.measured()), 0)), np.zeros(0)
 
 
 def _is_switch(parameter: Parameter) -> bool:
