@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 
 import flexdesign as fd
 from flexdesign.diagnosis import command_segments
-from flexdesign.diagnosis.check import coverage, suspicion, timing
+from flexdesign.diagnosis.check import coverage, timing
 from flexdesign.diagnosis.check.suspicion import outliers
 from flexdesign.measurements.recordings import FrequencyResponse, Run, write_run
 from flexdesign.report.diagnosis import check_report
@@ -148,11 +148,6 @@ def test_columns_that_are_shifted() -> None:
     text = said(early, other)
     assert "x answers u before it changes: the columns are shifted by a sample" in text
     assert "u is no command but follows from x, as in a closed loop" in text
-
-
-def test_a_held_command() -> None:
-    u = np.repeat(multisine(3)[::4], 4)
-    assert "u changes at every 4. sample only: it is held, at 250 Hz" in said(run("a", u, reading(u)), clean()[1])
 
 
 def test_a_response_that_does_not_follow() -> None:
@@ -354,10 +349,3 @@ def test_recordings_of_others(folder: str, words: list[str]) -> None:
     text = "\n".join(f"{s.recording}: {s.what}" for s in found.suspicions)
     assert all(word in text for word in words)
     assert "before it changes" not in text  # nothing of these is shifted
-
-
-def test_holding_is_told_from_levels() -> None:
-    rng = np.random.default_rng(3)
-    assert suspicion.held_for(np.repeat(rng.normal(size=200), 5)) == 5
-    assert suspicion.held_for(np.repeat(rng.normal(size=20), 200)) == 1
-    assert suspicion.held_for(rng.normal(size=200)) == 1

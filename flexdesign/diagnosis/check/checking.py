@@ -140,15 +140,16 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     }
     for axis, noise_rms in floors.items():
         suspicions += suspicion.of_noise(axis, noise_rms)
-        suspicions += _of_rate(runs, axis, noise_rms)
-    for response in responses:
-        suspicions += suspicion.of_response(response)
-    suspicions += _of_all(runs, responses, parts)
+        level = min(noise_rms.rms.values()) if noise_rms.known else None
+        there = [run for run in runs if axis in run.columns]
+        if found := oversampling_of(there, axis, usual_tolerance(measured_stroke(there, axis), level)):
+            suspicions.append(Suspicion("", *found))
+    suspicions += [each for response in responses for each in suspicion.of_response(response)]
+    suspicions += [*_of_all(runs, parts), *(each for table in tables for each in table.suspicions)]
     kinds = dict.fromkeys(kind for each in recordings for kind in coverage.kinds_of(each))
-    roles = {run.name: " and ".join(part.role for part in parts if part.record == run.name) for run in runs}
     return Check(
-        tuple(_run(each, roles[each.name], floors) if isinstance(each, Run) else _lines(each) for each in recordings),
-        tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
+        tuple(_run(each, parts, floors) if isinstance(each, Run) else _lines(each) for each in recordings),
+        tuple(dict.fromkeys(suspicions)),
         coverage.coverage(list(kinds)) if recordings else (),
         {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
         tuple(tables),
@@ -156,22 +157,14 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     )
 
 
-def _of_rate(runs: Sequence[Run], axis: str, noise: NoiseFloor) -> list[Suspicion]:
-    """Return that fewer samples of a response would do."""
-    there = [run for run in runs if axis in run.columns]
-    negligible = usual_tolerance(measured_stroke(there, axis), min(noise.rms.values()) if noise.known else None)
-    found = oversampling_of(there, axis, negligible)
-    return [Suspicion("", *found)] if found else []
-
-
-def _run(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
+def _run(run: Run, parts: Sequence[Run], floors: dict[str, NoiseFloor]) -> Recorded:
     channels = []
     for name, values in run.columns.items():
         there = values[np.isfinite(values)]
-        noise_rms = floors.get(name)
-        noise = noise_rms.rms.get(run.name) if noise_rms is not None and noise_rms.known else None
+        noise = floors[name].rms.get(run.name) if name in floors and floors[name].known else None
         low, high = (float(there.min()), float(there.max())) if len(there) else (float("nan"), float("nan"))
         channels.append(Channel(name, run.si[name], low, high, 1 - len(there) / len(values), noise))
+    role = " and ".join(part.role for part in parts if part.record == run.name)
     kinds, seconds = coverage.kinds_of(run), float(run.time[-1] - run.time[0])
     return Recorded(run.name, run.kind, kinds, role, len(run.time), 1 / run.period, seconds, tuple(channels))
 
@@ -185,21 +178,21 @@ def _lines(response: FrequencyResponse) -> Recorded:
     return Recorded(response.name, response.kind, ("multisine",), response.role, count, 0.0, 0.0, (channel,), band)
 
 
-def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: Sequence[Run]) -> list[Suspicion]:
-    """Return what is suspicious of the recordings together."""
+def _of_all(runs: Sequence[Run], parts: Sequence[Run]) -> list[Suspicion]:
+    """Return what is suspicious of runs together."""
     found = []
-    if runs and not any(part.role != "identify" for part in parts):
+    if runs and all(part.role == "identify" for part in parts):
         remedy = (
             'record a second run, or state role = "validate" for one: a model is validated on runs that were not fitted'
         )
         found.append(Suspicion("", "no run can be kept for validation", remedy))
     for name in dict.fromkeys(name for run in runs for name in run.commands):
         moving = [run for run in runs if name in run.commands and np.ptp(run.columns[name]) > 0]
-        sizes = [float(np.ptp(run.columns[name])) for run in moving]
+        sizes = sorted(float(np.ptp(run.columns[name])) for run in moving)
         has_steps = any("staircase" in coverage.kinds_of(run) for run in moving)  # of several sizes
-        if sizes and len(runs) > 1 and max(sizes) < 1.5 * min(sizes) and not has_steps:
-            remedy = "record the same command small and large: nonlinear effects show in the difference"
-            low, high = f"{min(sizes):.4g}", f"{max(sizes):.4g}"
+        if sizes and len(runs) > 1 and sizes[-1] < 1.5 * sizes[0] and not has_steps:
+            low, high = f"{sizes[0]:.4g}", f"{sizes[-1]:.4g}"
             size = f"one size, {high}" if low == high else f"nearly one size, {low} to {high}"
+            remedy = "record the same command small and large: nonlinear effects show in the difference"
             found.append(Suspicion("", f"{name} has {size} V peak to peak", remedy))
     return found

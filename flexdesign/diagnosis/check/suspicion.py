@@ -1,4 +1,4 @@
-"""What would mislead a fit: commands that repeat or are held, filtered noise, readings that do not follow."""
+"""What would mislead a fit: commands that repeat, filtered noise, readings that do not follow."""
 
 from __future__ import annotations
 
@@ -70,9 +70,8 @@ def of_runs(runs: Sequence[Run], parts: Sequence[Run]) -> list[Suspicion]:
     ]
     found += _equal_commands(parts)
     for run in runs:
-        found += _of_command(run)
         for response in run.responses:
-            found += _of_response(run, response)
+            found += _of_outliers(run, response) + _of_response(run, response)
     return found
 
 
@@ -97,30 +96,8 @@ def _same(one: Run, other: Run) -> bool:
     return not differ and any(np.ptp(a) > 0 for a, _ in pairs)
 
 
-def _of_command(run: Run) -> list[Suspicion]:
-    found = []
-    for column in run.commands:
-        if (every := held_for(run.columns[column])) > 1:
-            rate = 1 / (every * run.period)
-            what = f"{column} changes at every {every}. sample only: it is held, at {units.hertz(rate, 5)}"
-            remedy = "" if run.between_is_stated else 'write between_samples = "hold" in measurements.toml'
-            found.append(Suspicion(run.name, what, remedy))
-    return found
-
-
-def held_for(values: Array) -> int:
-    """Return after how many samples a command changes, if at multiples of them alone and without a rest; else 1.
-
-    >>> held_for(np.repeat(np.arange(60.0) % 7, 4))
-    4
-    """
-    places = np.flatnonzero(np.diff(values) != 0) + 1
-    every = int(np.gcd.reduce(np.diff(places)))
-    return every if 1 < every < REST_SAMPLES and len(places) * every > 0.5 * len(values) else 1
-
-
 def _of_response(run: Run, response: str) -> list[Suspicion]:
-    found, column = _of_outliers(run, response), commanded_by(response, run.columns)
+    found, column = list[Suspicion](), commanded_by(response, run.columns)
     if column is None:
         return found
     if run.si[response] == "V":
@@ -176,12 +153,11 @@ def _coherence(run: Run, response: str, column: str, spectra: CrossSpectra) -> f
 
 
 def _of_outliers(run: Run, response: str) -> list[Suspicion]:
-    samples = outliers(run, response)
-    if not len(samples):
+    if not len(samples := outliers(run, response)):
         return []
     values, si = run.columns[response][samples], run.si[response]
-    factor, unit = (1e6, f"u{si}") if si in ("m", "rad") else (1.0, si)
-    said = " to ".join(dict.fromkeys(f"{factor * value:.5g}" for value in (values.min(), values.max())))
+    unit = f"u{si}" if si in ("m", "rad") else si
+    said = " to ".join(dict.fromkeys(f"{end / units.factor(unit, si):.5g}" for end in (values.min(), values.max())))
     what = (
         f"{response} jumps to {said} {unit} and back in {len(samples)} sample{'s' if len(samples) > 1 else ''}, the "
         f"first at {run.time[samples[0]]:.6g} s, while no command jumps: these are no motion"

@@ -139,13 +139,12 @@ def resolve_effects(
     multisine, found = _mean_products(standard, readings(standard)[1]), list[Separation]()
     for command in experiments:
         with_first, left = readings(command)
-        if not np.isfinite(left).all():
-            continue
-        both = multisine + _mean_products(command, left)
-        share = both[0, 1] / both[1, 1] if both[1, 1] else 0.0
-        difference = math.sqrt(max(_remaining(both) - _remaining(multisine), 0.0))
-        with_second = with_first - (left[0] - share * left[1])
-        found.append(Separation(command, with_first, with_second, difference, difference / noise))
+        if np.isfinite(left).all():
+            both = multisine + _mean_products(command, left)
+            share = both[0, 1] / both[1, 1] if both[1, 1] else 0.0
+            difference = math.sqrt(max(_remaining(both) - _remaining(multisine), 0.0))
+            with_second = with_first - (left[0] - share * left[1])
+            found.append(Separation(command, with_first, with_second, difference, difference / noise))
     found.sort(key=lambda each: each.over_noise, reverse=True)
     return Resolved((first.effect, second.effect), (first.strength, second.strength), noise, tuple(found))
 
@@ -214,9 +213,9 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
         resolved, reason = list[Resolved](), ""
         try:
             highest = max(frequency for frequency, _ in modes(found.model.axes[found.axis]))
-            rate = min(found.model.controller.rate, FEWEST_PER_PERIOD * highest)
-            sampled = replace(found.model, controller=replace(found.model.controller, rate=rate))
-            limits = of_axis(sampled, found.axis)
+            controller = found.model.controller
+            controller = replace(controller, rate=min(controller.rate, FEWEST_PER_PERIOD * highest))
+            limits = of_axis(replace(found.model, controller=controller), found.axis)
             model = dynamics(found.model, found.axis, limits)
             menu = [*suite_of(model, limits), *other_excitations(model, limits)]
             for other in group[1:]:

@@ -63,13 +63,10 @@ class EffectAtStrength:
     @property
     def start(self) -> float:
         """The strength to begin with: the start value, or a tenth of the largest plausible one."""
-        numbers = {**self.added.axis.numbers, DELAY: self.added.delay}
-        value, null = numbers.get(self.key, math.nan), self.strength.null
-        if math.isfinite(value) and value != null:
-            return value
+        value, null = {**self.added.axis.numbers, DELAY: self.added.delay}.get(self.key, math.nan), self.strength.null
         low, high = self.strength.plausible
-        tenth = 0.1 * high if math.isfinite(high) else low
-        return tenth if tenth not in (0.0, null) else 1.0
+        tried = (value, 0.1 * high if math.isfinite(high) else low)
+        return next((each for each in tried if math.isfinite(each) and each not in (0.0, null)), 1.0)
 
     def at(self, strength: float) -> AxisDynamics:
         """Return the axis with the effect at a strength, SI."""
@@ -88,19 +85,18 @@ class EffectAtStrength:
         """
         from scipy.optimize import brentq
 
-        sign, (low, high) = -1.0 if self.start < 0 else 1.0, self.strength.plausible
-        largest = max(abs(low), abs(high))
+        largest = max(map(abs, self.strength.plausible))
         largest = largest if math.isfinite(largest) else 1e6 * abs(self.start)
-        ends = math.log(max(low, 1e-9 * largest)), math.log(largest)  # at most nine decades
+        ends = math.log(max(self.strength.plausible[0], 1e-9 * largest)), math.log(largest)  # at most nine decades
 
         @cache
         def excess(place: float) -> float:
-            found = measure(self.at(sign * math.exp(place)))
+            found = measure(self.at(math.copysign(math.exp(place), self.start)))
             return math.log(min(max(found / wanted, 1e-6), 1e6))
 
-        if excess(ends[0]) * excess(ends[1]) > 0:
-            return sign * math.exp(min(ends, key=lambda end: abs(excess(end))))
-        return sign * math.exp(brentq(excess, *ends))
+        is_between = excess(ends[0]) * excess(ends[1]) <= 0
+        place = brentq(excess, *ends) if is_between else min(ends, key=lambda end: abs(excess(end)))
+        return math.copysign(math.exp(place), self.start)
 
 
 def on(model: AxisDynamics, name: str) -> EffectAtStrength:
@@ -251,16 +247,14 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
     experiments = [command for command in experiments if needs_columns or not command.recorded]
     without = [reading(effect.without, command) for command in experiments]
 
-    started = effect.at(effect.start)
-    changes = [rms(reading(started, command) - before) for command, before in zip(experiments, without, strict=True)]
-    best = int(np.argmax(np.where(np.isfinite(changes), changes, 0.0)))
-    plain = without[best]
-    strength = effect.search(VISIBLE_SHARE * stroke, lambda model: rms(reading(model, experiments[best]) - plain))
-    seen = [
-        EffectResponse(command, before, reading(effect.at(strength), command))
-        for command, before in zip(experiments, without, strict=True)
-    ]
-    finite = [each for each in seen if math.isfinite(each.change)]
+    def seen_at(strength: float) -> list[EffectResponse]:
+        affected = effect.at(strength)
+        pairs = zip(experiments, without, strict=True)
+        return [EffectResponse(command, before, reading(affected, command)) for command, before in pairs]
+
+    best = max(seen_at(effect.start), key=lambda each: each.change if math.isfinite(each.change) else 0.0)
+    strength = effect.search(VISIBLE_SHARE * stroke, lambda model: rms(reading(model, best.command) - best.without))
+    finite = [each for each in seen_at(strength) if math.isfinite(each.change)]
 
     def rank(each: EffectResponse) -> tuple[bool, float]:
         return names_kind(catalogued.reveal, each.command.kind) and each.change >= OF_STROKE * stroke, each.change

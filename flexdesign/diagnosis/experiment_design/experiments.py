@@ -29,7 +29,6 @@ from flexdesign.diagnosis.experiment_design.commands import (
 from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.recordings import Role
 
 #: Peak to peak of the multisines, per range of voltage: the noise dominates the first, nonlinearity the last.
@@ -68,33 +67,39 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
         If slew or motion leave less than a twentieth of an experiment.
     """
     maker = _Maker(model, limits, seed)
-    settling, quiet = maker.settling, "noise floor, mains hum, drift: what no model can predict"
+    settling, uniform = maker.settling, maker.generator.uniform
     small = [0.5, 0.52, 0.5, 0.48, 0.5, 0.54, 0.5, 0.46, 0.5]
     sizes = [0.5 + way * size / 2 for size in (0.05, 0.15, 0.4) for way in (-1, 1)]
     stairs = [*np.linspace(0, 1, 9), *np.linspace(1, 0, 9)[1:]]
     held = 0.6 if limits.level(0.6) != limits.home else 0.8
     made = [
-        maker.command("quiet", "quiet", quiet, maker.still(QUIET_TIME)),
+        maker.command(
+            "quiet", "quiet", "noise floor, mains hum, drift: what no model can predict", maker.still(QUIET_TIME)
+        ),
         maker.levels("calibration", "steps", "gain and sign from small steps", small, 1.5 * settling),
-        *_multisines(maker),
+        *(maker.multisine(level, realisation) for level in MULTISINE_LEVELS for realisation in REALISATIONS),
         maker.levels(
             "steps", "steps", "steps of several sizes: slew, friction, stiffness that changes with the motion",
             [*sizes, 0.5], 2.0 * settling,
         ),
-        *_triangles(maker),
+        *maker.triangles(),
         maker.levels("staircase", "staircase", "gain over the range, up and down", stairs, max(0.3, 1.5 * settling)),
         maker.levels(
             "hold", "hold", "creep, drift: what goes on after a step, over the logarithm of time", [held], STEP_HOLD
         ),
-        _decaying_sine(maker),
+        maker.decaying_sine(10),
         maker.levels(
             "random_levels", "levels", "validation: steps of random sizes after random waits",
-            maker.generator.uniform(0.3, 0.7, 16), 1.5 * settling * maker.generator.uniform(0.5, 1.5, 16),
-            role="validate",
+            uniform(0.3, 0.7, 16), 1.5 * settling * uniform(0.5, 1.5, 16), role="validate",
         ),
     ]  # fmt: skip
     same = next(command for command in made if command.name == SAME_WITH_MASS)
-    return (*made, _added_mass(model.axis, same))
+    note = "fix a mass that lowers the resonance by about 5 % to the output, and write it into conditions"
+    if model.axis.mass is not None:
+        mass = units.to_text(ADDED_MASS * model.axis.mass, "g", 2, "kg")
+        note = f"fix {mass} to the output (a tenth of the model's moving mass), weighed to 1 %"
+    purpose = "distinguishes a mass from a stiffness, and checks the moving mass"
+    return (*made, replace(same, name="added_mass", purpose=purpose, mass_ratio=ADDED_MASS, note=note))
 
 
 def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
@@ -132,7 +137,7 @@ class _Maker:
         self.period, axis = 1 / limits.rate, model.axis
         modes = [(axis.natural_frequency, axis.damping_ratio), *((m.frequency, m.damping_ratio) for m in axis.modes)]
         lowest, highest = min(f for f, _ in modes), max(f for f, _ in modes)
-        self.lowest = lowest
+        self.gentle = min(lowest / 30, limits.bandwidth / 8)  # of this frequency, turns hardly shake the mode
         # After this time the slowest mode has decayed to 2 %.
         self.settling = min(max(4.0 / min(2 * math.pi * f * max(d, 1e-3) for f, d in modes), 0.1), 2.0)
         # Tones of multisines, from well below the resonance to well above it: four within its width, and their distance
@@ -220,49 +225,32 @@ class _Maker:
         tried = self.command("tried", "sine", "", samples)
         return self.model.predict(tried.run(self.model.name, self.model.axis.response))
 
+    def multisine(self, level: str, realisation: str) -> Command:
+        """Return some periods of a multisine of one level, after one in which the stage settles."""
+        tones, period = multisine(self.band, self.resolution, self.limits.rate, self.generator), 1 / self.resolution
+        name = f"multisine_{level}_{realisation}"
+        samples, begins, share, why = self.within(name, np.tile(tones, 1 + PERIODS_KEPT), MULTISINE_LEVELS[level])
+        purpose = f"resonance, damping, delay at {100 * share:.2g} % of the range, phases {realisation}"
+        marks = tuple(begins + (1 + k) * period for k in range(PERIODS_KEPT + 1))
+        return self.command(name, "multisine", purpose, samples, marks=marks, cycle=period, scaled=why)
 
-def _multisines(maker: _Maker) -> Iterator[Command]:
-    period = 1 / maker.resolution
-    for level, size in MULTISINE_LEVELS.items():
-        for realisation in REALISATIONS:
-            tones = multisine(maker.band, maker.resolution, maker.limits.rate, maker.generator)
-            name = f"multisine_{level}_{realisation}"
-            samples, begins, share, why = maker.within(name, np.tile(tones, 1 + PERIODS_KEPT), size)
-            purpose = f"resonance, damping, delay at {100 * share:.2g} % of the range, phases {realisation}"
-            marks = tuple(begins + (1 + k) * period for k in range(PERIODS_KEPT + 1))
-            yield maker.command(name, "multisine", purpose, samples, marks=marks, cycle=period, scaled=why)
+    def triangles(self) -> Iterator[Command]:
+        """Yield triangles over the whole range at two rates."""
+        limits = self.limits
+        fast = min(self.gentle, limits.step * limits.rate / (2 * limits.span))
+        why = f"{100 * fast / self.gentle:.0f} % of its rate, slew limit" if fast < self.gentle else ""
+        for name, frequency, cycles, purpose, scaled in (
+            ("slow", min(0.5, fast / 8), 3, "the loop of the hysteresis, without dynamics", ""),
+            ("fast", fast, 8, "the same loop at a higher rate: what changes is no rate-independent hysteresis", why),
+        ):
+            samples = triangle(limits, frequency, cycles)
+            yield self.command(f"triangle_{name}", "triangle", purpose, samples, cycle=1 / frequency, scaled=scaled)
 
-
-def _triangles(maker: _Maker) -> Iterator[Command]:
-    limits = maker.limits
-    wanted = min(maker.lowest / 30, limits.bandwidth / 8)  # turns hardly shake the mode
-    fast = min(wanted, limits.step * limits.rate / (2 * limits.span))
-    why = f"{100 * fast / wanted:.0f} % of its rate, slew limit" if fast < wanted else ""
-    for name, frequency, cycles, purpose, scaled in (
-        ("slow", min(0.5, fast / 8), 3, "the loop of the hysteresis, without dynamics", ""),
-        ("fast", fast, 8, "the same loop at a higher rate: what changes is no rate-independent hysteresis", why),
-    ):
-        samples = triangle(limits, frequency, cycles)
-        yield maker.command(f"triangle_{name}", "triangle", purpose, samples, cycle=1 / frequency, scaled=scaled)
-
-
-def _decaying_sine(maker: _Maker) -> Command:
-    limits, cycles = maker.limits, 10
-    frequency = min(maker.lowest / 30, limits.bandwidth / 8)
-    turns = np.arange(round(cycles / frequency * limits.rate) + 1) * frequency / limits.rate
-    wave = np.sin(2 * np.pi * turns) * np.exp(-3 * turns / cycles)
-    samples, _, _, why = maker.within("decaying_sine", wave, 1.0)
-    return maker.command(
-        "decaying_sine", "sine", "validation: loops of every size", samples, role="validate", scaled=why
-    )
-
-
-def _added_mass(axis: AxisModel, same: Command) -> Command:
-    mass = axis.mass
-    if mass is None:
-        note = "fix a mass that lowers the resonance by about 5 % to the output, and write it into conditions"
-    else:
-        remarks = units.to_text(ADDED_MASS * mass, "g", 2, "kg")
-        note = f"fix {remarks} to the output (a tenth of the model's moving mass), weighed to 1 %"
-    purpose = "distinguishes a mass from a stiffness, and checks the moving mass"
-    return replace(same, name="added_mass", purpose=purpose, mass_ratio=ADDED_MASS, note=note)
+    def decaying_sine(self, cycles: int) -> Command:
+        """Return a slow sine over the whole range whose cycles become smaller."""
+        rate = self.limits.rate
+        turns = np.arange(round(cycles / self.gentle * rate) + 1) * self.gentle / rate
+        wave = np.sin(2 * np.pi * turns) * np.exp(-3 * turns / cycles)
+        samples, _, _, why = self.within("decaying_sine", wave, 1.0)
+        purpose = "validation: loops of every size"
+        return self.command("decaying_sine", "sine", purpose, samples, role="validate", scaled=why)

@@ -149,7 +149,7 @@ def plan_experiments(
     chosen = limits.axis(model, axis)
     axis_model = model.axes[chosen]
     asked = StatedLimits(
-        None if volts is None else (_number("--volts", volts[0], "V"), _number("--volts", volts[1], "V")),
+        volts and (_stated_value("--volts", volts[0], "V") or 0.0, _stated_value("--volts", volts[1], "V") or 0.0),
         math.inf if slew == "none" else _stated_value("--slew", slew, "V/s"),
         _stated_value("--current", current, "A"),
         _stated_value("--bandwidth", bandwidth, "Hz"),
@@ -172,11 +172,9 @@ def plan_experiments(
 
 
 def _stated_value(option: str, text: str | None, si: str) -> float | None:
-    return _number(option, text, si) if text else None
-
-
-def _number(option: str, text: str, si: str) -> float:
-    """Return a number in SI; more than zero, unless it is a voltage."""
+    """Return a number in SI, None where none is stated; more than zero, unless it is a voltage."""
+    if text is None:
+        return None
     try:
         value = units.from_text(text, si, small=True)
         if si != "V" and not value > 0:
@@ -187,12 +185,11 @@ def _number(option: str, text: str, si: str) -> float:
 
 
 def _comment(command: Command, axis: str, limits: Limits) -> str:
-    held = f"Held between samples at {limits.rate:g} Hz."
-    lines = [f"{command.name}, axis {axis}: {command.purpose}.", held]
-    if command.note:
-        lines.append(f"Before: {command.note}.")
-    lines.append(f"Record the response as a third column, such as {axis} [um].")
-    return "\n".join(lines)
+    before = f"Before: {command.note}.\n" if command.note else ""
+    return (
+        f"{command.name}, axis {axis}: {command.purpose}.\nHeld between samples at {limits.rate:g} Hz.\n{before}"
+        f"Record the response as a third column, such as {axis} [um]."
+    )
 
 
 def _sensor(axis: str, model: AxisModel, noise: float | None) -> list[str]:
