@@ -37,9 +37,9 @@ def stage(rate: float = 1000.0, volts: tuple[float, float] | None = (0.0, 100.0)
 
 
 def planned(
-    model: StageModel, asked: experiment_design.StatedLimits | None = None, seed: int = 1
+    model: StageModel, asked: dict[str, Any] | None = None, seed: int = 1
 ) -> tuple[experiment_design.Limits, dict[str, Any]]:
-    limits = experiment_design.of_axis(model, "x", asked)
+    limits = experiment_design.of_axis(model, "x", **(asked or {}))
     commands = experiment_design.suite_of(experiment_design.dynamics(model, "x", limits), limits, seed)
     return limits, {command.name: command for command in commands}
 
@@ -84,7 +84,7 @@ def test_random_stages_keep_every_limit(
 def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
     actuator = ActuatorData(40e-6, (0.0, 100.0), capacitance=2e-6, count=2)
     model = stage(actuator=actuator)
-    limits, commands = planned(model, experiment_design.StatedLimits(volts=(10.0, 60.0), current=0.02))
+    limits, commands = planned(model, dict(volts=(10.0, 60.0), current=0.02))
     assert (limits.low, limits.high, limits.home) == (10.0, 60.0, 10.0)
     assert limits.slew == pytest.approx(0.02 / 4e-6)  # i = C dv/dt, two stacks in parallel
     currents = [limits.current(command.slew) for command in commands.values()]
@@ -109,32 +109,30 @@ def test_commands_are_the_same_for_the_same_seed() -> None:
     assert np.array_equal(once["added_mass"].samples, once["multisine_medium_a"].samples)
 
 
-REFUSED: list[tuple[StageModel, experiment_design.StatedLimits, str, str]] = [
-    (stage(), experiment_design.StatedLimits(volts=(-10.0, 50.0)), "--volts", "outside of 0 V to 100 V"),
-    (stage(), experiment_design.StatedLimits(volts=(50.0, 10.0)), "--volts", "the lower one"),
-    (stage(volts=None), experiment_design.StatedLimits(), "axis.x.actuator.voltage_range", "voltage_range ="),
-    (stage(), experiment_design.StatedLimits(current=0.1), "axis.x.actuator.capacitance", "--slew"),
-    (stage(rate=200.0), experiment_design.StatedLimits(), "controller.rate", "sample at 325 Hz or more"),
-    (stage(), experiment_design.StatedLimits(rate=250.0), "--rate", "sample at"),
-    (stage(), experiment_design.StatedLimits(bandwidth=110.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
-    (stage(), experiment_design.StatedLimits(bandwidth=600.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
-    (stage(), experiment_design.StatedLimits(slew=1e-3), "--slew", "per sample"),
+REFUSED: list[tuple[StageModel, dict[str, Any], str, str]] = [
+    (stage(), dict(volts=(-10.0, 50.0)), "--volts", "outside of 0 V to 100 V"),
+    (stage(), dict(volts=(50.0, 10.0)), "--volts", "the lower one"),
+    (stage(volts=None), {}, "axis.x.actuator.voltage_range", "voltage_range ="),
+    (stage(), dict(current=0.1), "axis.x.actuator.capacitance", "--slew"),
+    (stage(rate=200.0), {}, "controller.rate", "sample at 325 Hz or more"),
+    (stage(), dict(rate=250.0), "--rate", "sample at"),
+    (stage(), dict(bandwidth=110.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), dict(bandwidth=600.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), dict(slew=1e-3), "--slew", "per sample"),
 ]
 
 
 @pytest.mark.parametrize(("model", "asked", "field", "words"), REFUSED)
-def test_what_cannot_be_kept_is_refused(
-    model: StageModel, asked: experiment_design.StatedLimits, field: str, words: str
-) -> None:
+def test_what_cannot_be_kept_is_refused(model: StageModel, asked: dict[str, Any], field: str, words: str) -> None:
     with pytest.raises(InputError) as refused:
-        experiment_design.of_axis(model, "x", asked)
+        experiment_design.of_axis(model, "x", **(asked or {}))
     assert refused.value.field == field
     assert words in refused.value.remedy
 
 
 def test_a_slew_that_leaves_nothing_of_a_multisine_is_refused() -> None:
     with pytest.raises(InputError, match="slew limit leaves"):
-        planned(stage(), experiment_design.StatedLimits(slew=50.0))
+        planned(stage(), dict(slew=50.0))
 
 
 # --- what commands hold -------------------------------------------------------------------------------------------

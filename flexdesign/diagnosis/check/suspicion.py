@@ -236,22 +236,18 @@ def outliers(run: Run, response: str) -> Places:
     jumps = np.flatnonzero(sizes > max(BEYOND * smallest, JUMP * np.ptp(reading)))
     found = [there[:0]]
     for away, back in pairwise(jumps.tolist()):
-        first, last = max(away - REST_SAMPLES, 0), back + 1 + REST_SAMPLES
-        around = max(sizes[first:away].max(initial=0.0), sizes[back + 1 : last].max(initial=0.0))
-        is_pair = back - away <= REST_SAMPLES and steps[away] * steps[back] < 0
-        if (
-            is_pair
-            and min(sizes[away], sizes[back]) > BEYOND * around
-            and not _is_driven(run, there[first], there[back])
-        ):
-            found.append(there[away + 1 : back + 1])
+        if back - away <= REST_SAMPLES and steps[away] * steps[back] < 0:
+            first, last = max(away - REST_SAMPLES, 0), back + 1 + REST_SAMPLES
+            around = max(sizes[first:away].max(initial=0.0), sizes[back + 1 : last].max(initial=0.0))
+            stands_out = min(sizes[away], sizes[back]) > BEYOND * around
+            if stands_out and not _is_driven(run, there[first], there[back]):
+                found.append(there[away + 1 : back + 1])
     return np.concatenate(found)
 
 
 def _is_driven(run: Run, first: int, last: int) -> bool:
     """Tell whether a command jumps from `first` to `last`: by a share of its span, and as it does not all the time."""
-    for name in run.commands:
-        changes = np.abs(np.diff(run.columns[name][first : last + 2]))
-        if changes.max() > max(JUMP * np.ptp(run.columns[name]), BEYOND * np.median(changes)):
-            return True
-    return False
+    commands = [run.columns[name] for name in run.commands]
+    changes = [np.abs(np.diff(command[first : last + 2])) for command in commands]
+    spans = zip(changes, commands, strict=True)
+    return any(size.max() > max(JUMP * np.ptp(command), BEYOND * np.median(size)) for size, command in spans)

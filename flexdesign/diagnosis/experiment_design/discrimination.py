@@ -127,37 +127,39 @@ def resolve_effects(
     names = ("gain", "damping_ratio")
     recalibrated = [plain.replace({name: (1 + VISIBLE_SHARE) * getattr(plain.axis, name)}) for name in names]
 
-    def readings(command: Command) -> tuple[Array, Array]:
-        """Return the reading with the first effect, and what gain, damping and offset leave of the change by either."""
+    def readings(command: Command) -> tuple[Array, Array, Array]:
+        """Return the reading with the first effect, and what gain, damping and offset leave of the change by either.
+
+        And of the latter the samples that are compared, divided by the root of their number.
+        """
         cut, exact = steady(command), exact_reading(plain, command)
         first_reading, *_ = with_effects = [reading(each, command) for each in compared]
         changed = np.stack([each - reading(plain, command) for each in with_effects])
         columns = np.stack([exact_reading(each, command) - exact for each in recalibrated])
         changed, columns = (rows - rows[:, cut].mean(axis=1, keepdims=True) for rows in (changed, columns))
-        return first_reading, changed - fit_linear(changed[:, cut], columns[:, cut]) @ columns
+        left = changed - fit_linear(changed[:, cut], columns[:, cut]) @ columns
+        return first_reading, left, left[:, cut] / math.sqrt(left[:, cut].shape[1])
 
-    multisine, found = _mean_products(standard, readings(standard)[1]), list[Separation]()
+    in_multisine, found = readings(standard)[2], list[Separation]()
     for command in experiments:
-        with_first, left = readings(command)
+        with_first, left, parts = readings(command)
         if np.isfinite(left).all():
-            both = multisine + _mean_products(command, left)
-            share = both[0, 1] / both[1, 1] if both[1, 1] else 0.0
-            difference = math.sqrt(max(_remaining(both) - _remaining(multisine), 0.0))
-            with_second = with_first - (left[0] - share * left[1])
+            both = np.concatenate([in_multisine, parts], axis=1)
+            difference = math.sqrt(max(_remaining(*both) - _remaining(*in_multisine), 0.0))
+            with_second = with_first - (left[0] - _share(*both) * left[1])
             found.append(Separation(command, with_first, with_second, difference, difference / noise))
     found.sort(key=lambda each: each.over_noise, reverse=True)
     return Resolved((first.effect, second.effect), (first.strength, second.strength), noise, tuple(found))
 
 
-def _mean_products(command: Command, changes: Array) -> Array:
-    """Return the mean products of two changes, a matrix."""
-    cut = changes[:, steady(command)]
-    return np.asarray(cut @ cut.T / cut.shape[1])
+def _share(change: Array, other: Array) -> float:
+    """Return the multiple of another change that comes closest to a change."""
+    return float(change @ other / (other @ other)) if other.any() else 0.0
 
 
-def _remaining(products: Array) -> float:
-    """Return the mean square of a change that a multiple of another one does not explain."""
-    return float(products[0, 0] - (products[0, 1] ** 2 / products[1, 1] if products[1, 1] else 0.0))
+def _remaining(change: Array, other: Array) -> float:
+    """Return the squares of a change that a multiple of another one does not explain."""
+    return float(np.sum((change - _share(change, other) * other) ** 2))
 
 
 def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:

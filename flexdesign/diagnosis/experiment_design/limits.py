@@ -78,27 +78,6 @@ class Limits:
         return None if self.capacitance is None else self.capacitance * slew
 
 
-@dataclass(frozen=True)
-class StatedLimits:
-    """What a user states about the bench; None where the model is to say.
-
-    Parameters
-    ----------
-    volts
-        Lowest and highest command [V].
-    slew, current
-        Fastest change of the command [V/s]; largest current of the driver [A].
-    bandwidth, rate
-        [Hz]
-    """
-
-    volts: tuple[float, float] | None = None
-    slew: float | None = None
-    current: float | None = None
-    bandwidth: float | None = None
-    rate: float | None = None
-
-
 def axis(model: StageModel, name: str | None) -> str:
     """Return the axis that is meant: the one named, or the first.
 
@@ -120,8 +99,24 @@ def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
     return AxisDynamics(name, model.axes[name], max_command, COMPARED_TOLERANCE, delay=model.controller.delay)
 
 
-def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> Limits:
+def of_axis(
+    model: StageModel,
+    name: str,
+    *,
+    volts: tuple[float, float] | None = None,
+    slew: float | None = None,
+    current: float | None = None,
+    bandwidth: float | None = None,
+    rate: float | None = None,
+) -> Limits:
     """Return what the commands of an axis keep to: the narrower of what model and user say.
+
+    Parameters
+    ----------
+    model, name
+        The stage and its axis.
+    volts, slew, current, bandwidth, rate
+        What the user states [V, V/s, A, Hz, Hz]; None where the model is to say.
 
     Raises
     ------
@@ -130,29 +125,31 @@ def of_axis(model: StageModel, name: str, asked: StatedLimits | None = None) -> 
         capacitance, sampling or bandwidth do not reach above the resonance, or the slew limit is finer than the grid
         of the commands.
     """
-    asked, axis, file = asked or StatedLimits(), model.axes[name], f"{model.name or 'stage model'}.toml"
-    low, high, volts_from = _volts(axis, name, file, asked)
+    axis, file = model.axes[name], f"{model.name or 'stage model'}.toml"
+    low, high, volts_from = _volts(axis, name, file, volts)
     capacitance = None
     if axis.actuator is not None and axis.actuator.capacitance is not None:
         capacitance = axis.actuator.capacitance * axis.actuator.count * abs(axis.driver.gain)
-    rate, rate_from = (asked.rate, "--rate") if asked.rate else (model.controller.rate, "controller.rate")
-    slew, slew_from = _slew(axis, name, file, asked, capacitance)
+    rate_file, rate_from = ("command line", "--rate") if rate else (file, "controller.rate")
+    slew_file = "command line" if slew else file
+    rate = rate or model.controller.rate
+    slew, slew_from = _slew(axis, name, file, slew, current, capacitance)
     if slew / rate < 100 * COMMAND_GRID:
         remedy = f"allows {slew / rate:.2g} V per sample, less than commands resolve; allow more, or sample slower"
-        raise InputError("command line" if asked.slew else file, slew_from, f"{slew:g} V/s", remedy)
+        raise InputError(slew_file, slew_from, f"{slew:g} V/s", remedy)
     highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
     wanted, nyquist = ABOVE_RESONANCE * highest, BELOW_NYQUIST * rate
     if nyquist < wanted:
         fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
         remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more"
-        raise InputError("command line" if asked.rate else file, rate_from, f"{rate:g} Hz", remedy)
-    if asked.bandwidth is not None and not wanted <= asked.bandwidth <= nyquist:
+        raise InputError(rate_file, rate_from, f"{rate:g} Hz", remedy)
+    if bandwidth is not None and not wanted <= bandwidth <= nyquist:
         what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
         remedy = f"commands must reach from {wanted:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
-        raise InputError("command line", "--bandwidth", f"{asked.bandwidth:g} Hz", remedy)
-    bandwidth_from = "--bandwidth" if asked.bandwidth else f"{BELOW_NYQUIST:g} of the sampling rate"
+        raise InputError("command line", "--bandwidth", f"{bandwidth:g} Hz", remedy)
+    bandwidth_from = "--bandwidth" if bandwidth else f"{BELOW_NYQUIST:g} of the sampling rate"
     origin = {"volts": volts_from, "slew": slew_from, "bandwidth": bandwidth_from, "rate": rate_from}
-    return Limits(low, high, slew, asked.bandwidth or nyquist, rate, capacitance, origin)
+    return Limits(low, high, slew, bandwidth or nyquist, rate, capacitance, origin)
 
 
 def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
@@ -175,12 +172,12 @@ def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
     raise InputError(f"{model.name or 'stage model'}.toml", f"axis.{name}.driver.slew", None, remedy)
 
 
-def _volts(axis: AxisModel, name: str, file: str, asked: StatedLimits) -> tuple[float, float, str]:
+def _volts(axis: AxisModel, name: str, file: str, stated: tuple[float, float] | None) -> tuple[float, float, str]:
     """Return the lowest and the highest command [V], and where they come from."""
     low, high = stages.command_limits(axis)
     origin = f"axis.{name}.actuator.voltage_range and driver.limits"
-    if asked.volts is not None:
-        first, last = asked.volts
+    if stated is not None:
+        first, last = stated
         if first >= last or first < low or last > high:
             remedy = (
                 f"lies outside of {low:g} V to {high:g} V, what driver and actuator of axis {name} allow; stay within"
@@ -197,15 +194,17 @@ def _volts(axis: AxisModel, name: str, file: str, asked: StatedLimits) -> tuple[
     return low, high, origin
 
 
-def _slew(axis: AxisModel, name: str, file: str, asked: StatedLimits, capacitance: float | None) -> tuple[float, str]:
+def _slew(
+    axis: AxisModel, name: str, file: str, slew: float | None, current: float | None, capacitance: float | None
+) -> tuple[float, str]:
     """Return the fastest change of a command [V/s], and where it comes from."""
     limits = {f"axis.{name}.driver.slew": axis.driver.slew / abs(axis.driver.gain)}
-    if asked.slew is not None:
-        limits["--slew"] = asked.slew
-    if asked.current is not None:
+    if slew is not None:
+        limits["--slew"] = slew
+    if current is not None:
         if capacitance is None:
             remedy = 'is missing, so a current says nothing of the slew; write capacitance = "3.6 uF", or give --slew'
             raise InputError(file, f"axis.{name}.actuator.capacitance", None, remedy)
-        limits["--current"] = asked.current / capacitance
+        limits["--current"] = current / capacitance
     slowest = min(limits, key=lambda key: limits[key])
     return limits[slowest], slowest

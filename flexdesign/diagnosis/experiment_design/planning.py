@@ -20,7 +20,7 @@ from flexdesign.diagnosis.experiment_design.discrimination import (
     resolve_effects,
 )
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, other_excitations, suite_of
-from flexdesign.diagnosis.experiment_design.limits import Limits, StatedLimits
+from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.diagnosis.preparation.dataset import OF_STROKE
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import AXES, DESCRIPTION
@@ -148,15 +148,16 @@ def plan_experiments(
     """
     chosen = limits.axis(model, axis)
     axis_model = model.axes[chosen]
-    asked = StatedLimits(
-        volts and (_stated_value("--volts", volts[0], "V") or 0.0, _stated_value("--volts", volts[1], "V") or 0.0),
-        math.inf if slew == "none" else _stated_value("--slew", slew, "V/s"),
-        _stated_value("--current", current, "A"),
-        _stated_value("--bandwidth", bandwidth, "Hz"),
-        _stated_value("--rate", rate, "Hz"),
+    kept = limits.of_axis(
+        model,
+        chosen,
+        volts=volts and (_number("--volts", volts[0], "V"), _number("--volts", volts[1], "V")),
+        slew=math.inf if slew == "none" else _stated_value("--slew", slew, "V/s"),
+        current=_stated_value("--current", current, "A"),
+        bandwidth=_stated_value("--bandwidth", bandwidth, "Hz"),
+        rate=_stated_value("--rate", rate, "Hz"),
     )
     noise = _stated_value("--sensor-noise", sensor_noise, axis_model.response) or axis_model.sensor.noise or None
-    kept = limits.of_axis(model, chosen, asked)
     if slew is None:
         limits.require_slew_limit(model, chosen, kept)
     progress("shaping the commands")
@@ -172,9 +173,11 @@ def plan_experiments(
 
 
 def _stated_value(option: str, text: str | None, si: str) -> float | None:
-    """Return a number in SI, None where none is stated; more than zero, unless it is a voltage."""
-    if text is None:
-        return None
+    return None if text is None else _number(option, text, si)
+
+
+def _number(option: str, text: str, si: str) -> float:
+    """Return a number in SI; more than zero, unless it is a voltage."""
     try:
         value = units.from_text(text, si, small=True)
         if si != "V" and not value > 0:
