@@ -189,16 +189,18 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
     if response.coherence is None:
         remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))
-    elif (share := float(np.mean(response.coherence < LEAST_COHERENCE))) > 0:
-        what = f"{100 * share:.0f} % of its lines have a coherence below {LEAST_COHERENCE:g}"
-        found.append(Suspicion(response.name, what, "average longer, or drive harder"))
-    if response.coherence is not None and response.averages is None:
-        remedy = "write averages = ... for it in measurements.toml: with the coherence it determines the noise"
-        found.append(Suspicion(response.name, "nobody says how many averages it is the mean of", remedy))
+    else:
+        if share := float(np.mean(response.coherence < LEAST_COHERENCE)):
+            what = f"{100 * share:.0f} % of its lines have a coherence below {LEAST_COHERENCE:g}"
+            found.append(Suspicion(response.name, what, "average longer, or drive harder"))
+        if response.averages is None:
+            remedy = "write averages = ... for it in measurements.toml: with the coherence it determines the noise"
+            found.append(Suspicion(response.name, "nobody says how many averages it is the mean of", remedy))
     step = float(np.median(np.diff(response.frequencies)))
-    if (sharp := _highest_peak(response.frequencies, np.abs(response.response))) and sharp[1] < 3 * step:
-        peak, width, apart = units.hertz(sharp[0]), units.hertz(sharp[1], 3), units.hertz(step, 3)
-        what = f"its peak at {peak} is {width} wide, its lines are {apart} apart"
+    peak = _highest_peak(response.frequencies, np.abs(response.response))
+    if peak and peak[1] < 3 * step:
+        at, width, apart = units.hertz(peak[0]), units.hertz(peak[1], 3), units.hertz(step, 3)
+        what = f"its peak at {at} is {width} wide, its lines are {apart} apart"
         found.append(Suspicion(response.name, what, "measure more lines about the peak: damping is read from them"))
     return found
 

@@ -94,8 +94,14 @@ def facts(path: Path) -> TableFacts:
     InputError
         If it lacks a column, or a value or unit cannot be used.
     """
-    rows = _read(path)
-    found = []
+    _, names, body = static_table.lines_of(path)
+    static_table.require(path, names, HEAD)
+    rows, found = [], []
+    for line, cells in static_table.rows_of(path, names, body):
+        quantity, value, sigma = static_table.measurement(path, line, cells)
+        rest = tuple((name, cell) for name, cell in cells.items() if name not in HEAD and name != AXIS and cell)
+        boundary = ", ".join(text for text in (cells.get(AXIS, ""), cells["boundary"]) if text)
+        rows.append(Measured(quantity, boundary, value, sigma, rest, line))
     if all(row.sigma is None for row in rows):
         remedy = f"write sigma, such as 0.5 %; without it {100 * UNSAID:g} % is assumed here"
         found.append(Suspicion(path.stem, "no row states its standard deviation", remedy))
@@ -127,16 +133,4 @@ def _of_part(name: str, rows: Sequence[Measured]) -> list[Suspicion]:
                 f"1/K_out,free - 1/K_out,held is {released / driven:.3f} times lambda^2 / K_in"
             )
             found.append(Suspicion(name, what, "one of the four is wrong, or its boundary was not what the table says"))
-    return found
-
-
-def _read(path: Path) -> list[Measured]:
-    _, names, body = static_table.lines_of(path)
-    static_table.require(path, names, HEAD)
-    found = []
-    for line, cells in static_table.rows_of(path, names, body):
-        quantity, value, sigma = static_table.measurement(path, line, cells)
-        rest = tuple((name, cell) for name, cell in cells.items() if name not in HEAD and name != AXIS and cell)
-        boundary = ", ".join(text for text in (cells.get(AXIS, ""), cells["boundary"]) if text)
-        found.append(Measured(quantity, boundary, value, sigma, rest, line))
     return found
