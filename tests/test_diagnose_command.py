@@ -25,6 +25,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, experiment_design, initialised_comparison
 from flexdesign.diagnosis.preparation.dataset import prepare
+from flexdesign.diagnosis.preparation.oversampling import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import CandidateRecord, compare_model
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -267,7 +268,7 @@ def test_experiments_are_simulated_as_fast_as_the_modes_ask_for() -> None:
     fast = replace(found.model, controller=replace(found.model.controller, rate=1000 * frequency))
     (told,) = experiment_design.proposals(replace(found, model=fast))
     commands = [each.command for each in told.resolved[0].separations]
-    assert all(command.period * frequency == pytest.approx(1 / 10, rel=0.01) for command in commands)
+    assert all(command.period * frequency == pytest.approx(1 / FEWEST_PER_PERIOD, rel=0.01) for command in commands)
 
 
 def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> None:
