@@ -25,7 +25,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, experiment_design, initialised_comparison
 from flexdesign.diagnosis.preparation.dataset import prepare
-from flexdesign.diagnosis.preparation.oversampling import FEWEST_PER_PERIOD
+from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import CandidateRecord, compare_model
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics

@@ -12,8 +12,8 @@ from flexdesign.core import units
 from flexdesign.core.arrays import Array, Places
 from flexdesign.diagnosis.check.timing import timing_of
 from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS, REST_SAMPLES
-from flexdesign.diagnosis.preparation.spectra import CrossSpectra, cross_spectra
-from flexdesign.diagnosis.preparation.spectra import CHANCE, FEWEST_PER_PERIOD, SEGMENTS
+from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, SEGMENTS, CrossSpectra, cross_spectra
+from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.noise.autoregressive import stretches
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -109,7 +109,7 @@ def _of_response(run: Run, response: str) -> list[Suspicion]:
         what = f"{response} hardly follows {column}: their coherence is {agrees:.2f}"
         remedy = "check that both were recorded together, and the names of the columns"
         return [*found, Suspicion(run.name, what, remedy)]
-    related = spectra.coherence > spectra.exceeded_by_chance(CHANCE)
+    related = spectra.coherence > spectra.exceeded_by_chance(LEVEL)
     size = np.where(related, np.abs(spectra.across) / np.where(related, spectra.command, 1.0), np.nan)
     if (peak := _highest_peak(spectra.frequencies, size)) and FEWEST_PER_PERIOD * peak[0] * run.period > 1:
         what = f"{response} rings at about {units.hertz(peak[0])} and is sampled at {units.hertz(1 / run.period, 5)}"
