@@ -37,7 +37,7 @@ from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
-from flexdesign.estimation.least_squares.parameter_transforms import value as value_at
+from flexdesign.estimation.least_squares.residual_function import value as value_at
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.score_test import Candidate

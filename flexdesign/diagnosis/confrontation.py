@@ -19,6 +19,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Parameter
+from flexdesign.core.parallel_map import ParallelMap
 from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
@@ -26,8 +27,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_desi
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import ErrorStep, ModelResiduals, Value, compare_model, compared_runs
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import CONFLICT
-from flexdesign.estimation.least_squares.parallel_map import ParallelMap
+from flexdesign.estimation.criterion import significant_deviation
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
 from flexdesign.estimation.model_selection.forward_selection import Entry, finish, fit_candidate, fit_roughly, screen
@@ -252,9 +252,9 @@ class Confrontation:
 
     def _screening(self, chosen: tuple[str, ...]) -> tuple[float, list[Entry]]:
         if chosen not in self._screened:
-            origins = () if chosen else self._calibrated_task.origins
+            expansion_points = () if chosen else self._calibrated_task.expansion_points
             fit = self._kept[chosen].fit
-            score, quick = screen(self.task, fit, self.catalogue, origins)
+            score, quick = screen(self.task, fit, self.catalogue, expansion_points)
             rough = fit_roughly(self.task, fit, quick)
             fitted = {entry.names for entry in rough}
             self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
@@ -282,8 +282,8 @@ class Confrontation:
             score, entries = self._screened[others]
             return score, next((entry for entry in entries if entry.names == (candidate.name,)), None)
         if chosen not in self._entered:
-            fit, origins = self._kept[others].fit, () if others else self._calibrated_task.origins
-            score, quick = screen(self.task, fit, [candidate], origins)
+            fit, expansion_points = self._kept[others].fit, () if others else self._calibrated_task.expansion_points
+            score, quick = screen(self.task, fit, [candidate], expansion_points)
             self._entered[chosen] = score, next(iter(fit_roughly(self.task, fit, quick)), None)
         return self._entered[chosen]
 
@@ -368,7 +368,7 @@ class Confrontation:
 def _adjustable(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[AdjustableParameter, ...]:
     """Return the parameters of a fit that belong to no run; those in `by_hand` have these values, SI.
 
-    One with a prior may be set within `CONFLICT` standard deviations of it, another from a half to twice its value.
+    One with a prior may be set within a deviation from it that chance explains, another from a half to twice its value.
     """
     where, x = fit.solution.problem.where, fit.solution.x
     values, known, adjustable = where.values(x), where.known, []
@@ -380,7 +380,8 @@ def _adjustable(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[Adjusta
         low, high = fitted - half, fitted + 2 * half
         if parameter.name in known and parameter.scale == "linear":
             middle, sigma = known[parameter.name]
-            low, high = min(fitted, middle - CONFLICT * sigma), max(fitted, middle + CONFLICT * sigma)
+            far = significant_deviation() * sigma
+            low, high = min(fitted, middle - far), max(fitted, middle + far)
         if parameter.null is not None and math.isfinite(parameter.null):
             low, high = min(low, parameter.null), max(high, parameter.null)
         low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])

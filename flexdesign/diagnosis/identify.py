@@ -25,7 +25,7 @@ from flexdesign.dynamics.axis.axis_parameters import DELAY, HYSTERESIS_PARAMETER
 from flexdesign.dynamics.axis.axis_run import doubts, noise_of_axis, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation import Estimate, Fit, Starts
-from flexdesign.estimation.criterion import WORSE
+from flexdesign.estimation.criterion import is_worse
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
@@ -231,7 +231,7 @@ class _Search:
             rms = (
                 [m.rms for m in found.matches] if found else [compare_run(self.dynamics, r, 1.0).rms for r in self.runs]
             )
-            if all(now <= WORSE * m.rms for now, m in zip(rms, best.matches, strict=True)):
+            if not any(is_worse(now, m.rms) for now, m in zip(rms, best.matches, strict=True)):
                 break
         return found
 

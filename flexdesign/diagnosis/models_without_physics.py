@@ -32,7 +32,7 @@ from flexdesign.diagnosis.comparison.error_location import REGIONS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.signal_chain import exact_step
-from flexdesign.estimation.criterion import BETTER
+from flexdesign.estimation.criterion import LARGE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -162,7 +162,7 @@ def is_better_curve(data: DiagnosisData, task: EstimationTask, base: FittedModel
     names = list(curve(runs[0], model.predict(runs[0])))
     of_curve, _ = cost_of_terms(task, everywhere, curve, names)
     samples = dataset.samples
-    return of_curve + len(names) - samples < BETTER * (fit.fitted_chi2 + fit.validation_chi2 - samples)
+    return LARGE * (of_curve + len(names) - samples) < fit.fitted_chi2 + fit.validation_chi2 - samples
 
 
 def _knots(values: Sequence[Array]) -> Array:
@@ -313,7 +313,7 @@ def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedMode
     everywhere, functions = _over_all_runs(task, base), basis_functions_of(data, base)
     samples = everywhere.solution.problem.dataset.samples
     of_all, _ = cost_of_terms(task, everywhere, functions, terms)
-    if of_all - samples >= BETTER * (fit.fitted_chi2 + fit.validation_chi2 - samples):
+    if LARGE * (of_all - samples) >= fit.fitted_chi2 + fit.validation_chi2 - samples:
         return False
     alone, _ = cost_of_terms(task, base, functions, terms)
     together, step = cost_of_terms(task, fit, basis_functions_of(data, fit), terms)

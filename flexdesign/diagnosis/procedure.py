@@ -40,9 +40,8 @@ from flexdesign.diagnosis.windowed_selection import describe, forward_in_windows
 from flexdesign.dynamics.axis.axis_model import TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import INDISTINGUISHABLE, WORSE
-from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
-from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
+from flexdesign.estimation.criterion import INDISTINGUISHABLE, is_worse
+from flexdesign.estimation.least_squares.levenberg_marquardt import INEXACT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
@@ -59,6 +58,8 @@ from flexdesign.estimation.model_selection.stepwise_selection import (
     SelectionHistory,
     add_together,
     confusable,
+    drop_undetermined,
+    hold_undetermined,
     restart_without,
     select,
 )
@@ -213,7 +214,7 @@ def search(
         select,
         candidates=candidates_,
         most=most,
-        expansion_points=calibrated_task.origins,
+        expansion_points=calibrated_task.expansion_points,
         vary_step=partial(vary_step, task, candidates=candidates_),
         vary=partial(vary_by_run, task),
         step_forward=step_forward,
@@ -256,7 +257,7 @@ def choose_interpolation(
     for variant in (data, alternative):
         searched = windows(variant, {}) if variant.is_very_long else variant
         dynamics, task = case_of(model, searched, each, lambda _: None)
-        if (fit := fit_model(task, dynamics, effort=CALIBRATION)) is None:
+        if (fit := fit_model(task, dynamics, effort=INEXACT)) is None:
             return data
         fits.append(fit)
     critical = INDISTINGUISHABLE * max(fits[0].scale, 1.0)
@@ -295,7 +296,7 @@ class CalibratedTask:
     is_refused: bool
 
     @property
-    def origins(self) -> tuple[FittedModel, ...]:
+    def expansion_points(self) -> tuple[FittedModel, ...]:
         """Further fits from which effects are added: at a gross misfit, calibration may have imitated an effect."""
         return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
 
@@ -327,7 +328,7 @@ def calibrate_task(
     increase = fit.validation_chi2 - nominal.validation_chi2
     is_refused = (
         bool(task.validate.records)
-        and data.error(fit) > WORSE * data.error(nominal)
+        and is_worse(data.error(fit), data.error(nominal))
         and increase > INDISTINGUISHABLE * fit.discrepancy
     )
     if is_refused or fit.scale > GROSS_MISFIT:
@@ -343,9 +344,9 @@ def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = 
     If the design with fitted initial states explains more than that fit, the fit starts from there as well. Random
     starts in the plausible ranges are not used: with measured recordings they led to the same minimum.
     """
-    solution = solve_case(task, model, effort=CALIBRATION)
+    solution = solve_case(task, model, effort=INEXACT)
     if nominal is not None and (solution is None or nominal.cost < solution.cost):
-        solution = solve_case(task, nominal.model, effort=CALIBRATION) or solution
+        solution = solve_case(task, nominal.model, effort=INEXACT) or solution
     return None if solution is None else evaluate_fit(task, solution, ())
 
 

@@ -16,7 +16,7 @@ from flexdesign.diagnosis.models_without_physics import is_better_without_physic
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value, Verdict
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import LARGE, OVERSTATED, WORSE
+from flexdesign.estimation.criterion import LARGE, OVERSTATED, is_worse
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, is_end_relevant, relevant_ends
@@ -183,7 +183,7 @@ def _confidence(
             "calibration makes the validation runs worse, so that the structure of the model is wrong for these runs; "
             "the design values were kept"
         )
-    elif data.observed("test") and data.test_error(calibration) > WORSE * data.test_error(nominal):
+    elif data.observed("test") and is_worse(data.test_error(calibration), data.test_error(nominal)):
         remarks.append(
             "calibration makes the test runs worse, which had no part in the fit: the structure of the model may be "
             "wrong for them"

@@ -57,7 +57,7 @@ def forward_in_windows(
     task: EstimationTask,
     fit: FittedModel,
     candidates: Sequence[Candidate],
-    origins: Sequence[FittedModel] = (),
+    expansion_points: Sequence[FittedModel] = (),
 ) -> Step:
     """Return the forward step of a selection in very long recordings; see the module.
 
@@ -65,11 +65,11 @@ def forward_in_windows(
     ----------
     model, data
         The stage model and all values.
-    task, fit, candidates, origins
+    task, fit, candidates, expansion_points
         As those of `forward`, for all values.
     """
     task.progress("searching in windows in which the model fails most")
-    step = _step(model, windows(data, fit.residuals_by_run), task, fit, candidates, is_gross=bool(origins))
+    step = _step(model, windows(data, fit.residuals_by_run), task, fit, candidates, is_gross=bool(expansion_points))
     trial = None if step.chosen is None else confirm(task, fit, step.chosen)
     others = [
         each if each.reason or each in step.alike else replace(each, reason=WORSE_IN_WINDOWS)
@@ -79,7 +79,7 @@ def forward_in_windows(
     if trial is not None and not trial.reason:
         return Step(trial, (trial, *others))
     task.progress("searching slow effects in all samples")
-    slow = forward(task, fit, [each for each in candidates if is_slow(each.name)], origins)
+    slow = forward(task, fit, [each for each in candidates if is_slow(each.name)], expansion_points)
     refused = [*([] if trial is None else [trial]), *(each for each in others if each.reason)]
     return replace(slow, trials=(*slow.trials, *refused))
 
@@ -112,8 +112,8 @@ def _step(
     task = with_calibrated_conditions(replace(task, free=tuple(n for n in whole.free if n not in undetermined)), begun)
     # The parameters keep the values that fit all samples: windows about an error of the model would lead them astray.
     own = evaluate_design(task, task.fine(begun), fit.effects)
-    origins = (evaluate_design(with_calibrated_conditions(task, dynamics), dynamics),) if is_gross else ()
-    return forward(task, own, candidates, origins)
+    expansion_points = (evaluate_design(with_calibrated_conditions(task, dynamics), dynamics),) if is_gross else ()
+    return forward(task, own, candidates, expansion_points)
 
 
 def confirm(task: EstimationTask, fit: FittedModel, chosen: Trial) -> Trial | None:

@@ -32,20 +32,14 @@ LEVEL = 1e-3
 SHARE = 0.05
 #: BIC does not distinguish models that differ by less: "very strong" evidence begins at 10 (Kass and Raftery 1995).
 INDISTINGUISHABLE = 10.0
-#: Standard deviations of a 95 % interval.
-HALF_WIDTH = 1.96
-#: Standard deviations beyond which a deviation from a prior is a finding: one in 370 is larger.
-CONFLICT = 3.0
+#: Confidence of intervals, by convention, and their half-width in standard deviations.
+CONFIDENCE = 0.95
+HALF_WIDTH = math.sqrt(chdtri(1, 1 - CONFIDENCE))
 #: A parameter is undetermined if its 95 % interval is wider than this share of the plausible range.
 SHARE_OF_RANGE = 0.5
 #: An effect is named despite a residual if it explains this multiple of it, in squares: two thirds of both together.
+#: Models without physics explain more than effects if these leave more than this multiple of what they leave.
 LARGE = 2.0
-#: Smooth functions explain more than effects if they leave no more than this share of the chi^2 that effects leave.
-BETTER = 0.5
-#: Calibration is refused if it makes the validation error larger by this factor, and chi^2 by more than chance does; a
-#: default contradicts the runs if it makes their residual larger by this factor. The rms of 1250 samples scatters by
-#: 1 / sqrt(2 * 1250) = 0.02.
-WORSE = 1.02
 #: Noise is overstated if the residual is smaller by this factor, which chance does not reach with ten samples.
 OVERSTATED = 2.0
 
@@ -125,6 +119,16 @@ def critical_value(score: float, numbers: int) -> float:
 def explained_share(before: float, after: float, floor: float) -> float:
     """Return the share of the mean square above the noise that is removed as an rms residual falls."""
     return (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
+
+
+def significant_deviation() -> float:
+    """Return the standard deviations beyond which a deviation is a finding, at `LEVEL`."""
+    return math.sqrt(chdtri(1, LEVEL))
+
+
+def is_worse(error: float, before: float) -> bool:
+    """Tell whether an rms residual is larger than before by more than `SHARE` of the mean square."""
+    return error**2 > (1 + SHARE) * before**2
 
 
 def large_share() -> float:

@@ -12,12 +12,11 @@ import numpy as np
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
+from flexdesign.core.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Effort, Solution, solve
 from flexdesign.estimation.least_squares.multistart import Starts, multistart
-from flexdesign.estimation.least_squares.parallel_map import shared_pool
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.noise.autoregressive import White
 from flexdesign.estimation.uncertainty.identifiability import Estimate, check_intervals, estimates
 from flexdesign.estimation.uncertainty.intervals import Uncertainty, uncertainty

@@ -63,8 +63,8 @@ def _false(*_: object, **__: object) -> bool:
 
 PARTS: tuple[Part, ...] = (
     Part(f"{_SELECTION}.fitted_model", "escape", "restarts fits that may be in a local minimum", _second),
-    Part(f"{_SELECTION}.fitted_model", "search_initial_states", "fits initial states from a grid", lambda t, d, m: m),
-    Part(f"{_ESTIMATION}.least_squares.multistart", "grid_initial_states", "tries initial states on a grid", _second),
+    Part(f"{_SELECTION}.estimation_task", "search_initial_states", "initial states from a grid", lambda t, d, m: m),
+    Part(f"{_SELECTION}.estimation_task", "grid_initial_states", "tries initial states on a grid", _second),
     Part(
         f"{_ESTIMATION}.least_squares.levenberg_marquardt",
         "_Search.hold_initial_states",
@@ -124,7 +124,9 @@ PARTS: tuple[Part, ...] = (
     Part("flexdesign.diagnosis.procedure", "grid_frequency", "starts from the best natural frequency", _second),
     Part(f"{_EFFECTS}.estimation_setup", "modes", "lets modes ring as a record begins", _empty),
     Part(f"{_EFFECTS}.estimation_setup", "find_undetermined", "holds what the runs cannot show", _empty),
-    Part("flexdesign.diagnosis.procedure", "CalibratedTask.origins", "selects from the design as well", _empty),
+    Part(
+        "flexdesign.diagnosis.procedure", "CalibratedTask.expansion_points", "selects from the design as well", _empty
+    ),
     Part(f"{_PREPARATION}.dataset", "DiagnosisData.coarse_step", "counts rounding in coarse steps as noise", _none),
     Part(f"{_PREPARATION}.spectra", "line_frequencies", "tries lines as disturbances", _empty),
     Part(

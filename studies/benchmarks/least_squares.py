@@ -46,14 +46,13 @@ from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import (
-    CALIBRATION,
     FULL,
+    INEXACT,
     SMALL_REDUCTION,
     Columns,
     Effort,
 )
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -171,7 +170,7 @@ def solve_scipy(problem: Problem, manner: FitSettings, old: Columns) -> float:
 
 
 SOLVERS: dict[str, Callable[[Problem, FitSettings, Columns], float]] = {"own": solve_own, "SciPy": solve_scipy}
-MANNERS = {"to the end": FitSettings(FULL, False), "roughly": FitSettings(CALIBRATION, True)}
+MANNERS = {"to the end": FitSettings(FULL, False), "roughly": FitSettings(INEXACT, True)}
 
 
 def compare_solvers(task: Task, manner: FitSettings) -> dict[str, SolverOutcome]:

@@ -5,7 +5,7 @@ and as it is. An answer that depends on a factor of two of a constant is no find
 
     python -m studies.sensitivity                     # twelve fresh cases, every constant: hours
     python -m studies.sensitivity --seed 7 --cases 60 # the same cases again, or more of them
-    python -m studies.sensitivity --only criterion.CONFLICT
+    python -m studies.sensitivity --only criterion.LARGE
 
 `constants.py` lists the constants. The study goes on where it stopped, while the package stays as it is; what comes of
 a seed is in ``reports/sensitivity/seed-N``.

@@ -31,9 +31,6 @@ class Constant:
         The module that defines it, and its name there.
     decides
         What it decides.
-    neutral
-        Value at which it asks for nothing; half and twice are taken of what lies beyond. Zero for most, one for a ratio
-        of errors.
     most
         No value is larger: one for a probability or a share.
     """
@@ -41,7 +38,6 @@ class Constant:
     module: str
     name: str
     decides: str
-    neutral: float = 0.0
     most: float = float("inf")
 
     @property
@@ -66,7 +62,7 @@ class Constant:
             raise ValueError(f"{self.module} {why} {self.name}; edit CONSTANTS in {__name__}")
         if factor == 1.0:
             return present
-        scaled = min(self.neutral + factor * (present - self.neutral), self.most)
+        scaled = min(factor * present, self.most)
         return max(round(scaled), 1) if isinstance(present, int) else scaled
 
 
@@ -103,23 +99,6 @@ CONSTANTS: tuple[Constant, ...] = (
         "flexdesign.diagnosis.preparation.dataset",
         "OF_STROKE",
         "relevance: least motion of a prediction, in shares of the stroke",
-    ),
-    Constant(
-        "flexdesign.estimation.criterion",
-        "WORSE",
-        "validation error at which calibration is refused, over the design",
-        1.0,
-    ),
-    Constant(
-        "flexdesign.estimation.criterion",
-        "BETTER",
-        "share left by smooth functions that are the better explanation",
-        most=1.0,
-    ),
-    Constant(
-        "flexdesign.estimation.criterion",
-        "CONFLICT",
-        "standard deviations from its prior at which a number is a finding",
     ),
     Constant(
         "flexdesign.estimation.criterion",

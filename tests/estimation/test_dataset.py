@@ -13,8 +13,7 @@ from scipy.signal import lfilter
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 

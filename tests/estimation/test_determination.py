@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.estimation.model_selection import determination
-from flexdesign.estimation.model_selection.determination import (
-    drop_undetermined,
-    hold_undetermined,
-)
+from flexdesign.estimation.model_selection import stepwise_selection
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.stepwise_selection import (
+    drop_undetermined,
+    hold_undetermined,
+)
 from flexdesign.estimation.uncertainty.identifiability import Estimate
 from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
 from tests.estimation.toys import Array, parameter
@@ -74,14 +74,14 @@ def test_an_effect_whose_interval_holds_its_null_is_dropped(truth: float, named:
 def test_what_differs_from_run_to_run_may_have_any_mean_where_the_residual_is_noise(
     exceeds_noise: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(determination, "parameter_of", lambda *_: strength("d"))
+    monkeypatch.setattr(stepwise_selection, "parameter_of", lambda *_: strength("d"))
     fit: Any = SimpleNamespace(
         deviations=lambda name: [f"2-run:{name}"],
         exceeds_noise=exceeds_noise,
         model=None,
         mean_over_runs=lambda _: (0.01, 0.21),
     )
-    assert determination._excludes_null(fit, "d") is not exceeds_noise
+    assert stepwise_selection._excludes_null(fit, "d") is not exceeds_noise
 
 
 @pytest.mark.parametrize(
@@ -92,10 +92,10 @@ def test_a_limit_that_may_be_as_far_as_is_plausible_is_not_shown(
 ) -> None:
     """A limit of infinity is none; the plausible range ends before."""
     limit = parameter("limit", None, 1.0, 1e6, scale="inverse", null=math.inf)
-    monkeypatch.setattr(determination, "parameter_of", lambda *_: limit)
-    monkeypatch.setattr(determination, "intervals", lambda *_: [Estimate(limit, 1e4, 1e3, interval, True)])
+    monkeypatch.setattr(stepwise_selection, "parameter_of", lambda *_: limit)
+    monkeypatch.setattr(stepwise_selection, "intervals", lambda *_: [Estimate(limit, 1e4, 1e3, interval, True)])
     fit: Any = SimpleNamespace(deviations=lambda _: [], model=None, solution=None)
-    assert determination._excludes_null(fit, "limit") is is_shown
+    assert stepwise_selection._excludes_null(fit, "limit") is is_shown
 
 
 def test_a_number_that_may_be_zero_stays_zero_where_the_catalogue_has_it_so() -> None:
@@ -118,7 +118,7 @@ def test_a_default_that_contradicts_the_runs_is_not_held() -> None:
 def test_a_default_that_predicts_worse_leaves_the_fitted_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a number without an interval: here any default counts as worse."""
     about, found = fit(effect(0.05, 0.5, 0.0, 2.0), other=STRENGTH * 0.05 * 0.7)
-    monkeypatch.setattr(determination, "WORSE", 0.0)
+    monkeypatch.setattr(stepwise_selection, "is_worse", lambda *_: True)
     held, names = hold_undetermined(about, found)
     assert names == ("d.more",) and "d.more" not in held.solution.problem.where.names
     assert number(held, "d.more") == pytest.approx(number(found, "d.more")) and number(held, "d.more") != 0.5

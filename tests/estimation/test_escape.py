@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.core.model import parameter_of
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection import fitted_model
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -64,7 +65,9 @@ def test_a_miss_leaves_the_threshold_near_its_best(sigma: float) -> None:
     assert np.all(np.abs(np.log(ends(sigma)[:, 2])) < math.log(1.1))
 
 
-def test_a_search_over_thresholds_ends_where_every_step_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_over_thresholds_ends_at_the_plausible_range_where_every_step_is_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     about = problem(0, 0.05)
     fit = fit_model(about.task, about.model, (about.effect,))
     assert fit is not None
@@ -78,7 +81,10 @@ def test_a_search_over_thresholds_ends_where_every_step_is_better(monkeypatch: p
     monkeypatch.setattr(fitted_model, "search_initial_states", lambda task, dataset, model: model)
     monkeypatch.setattr(fitted_model, "fit_model", lambda *_, **__: None)
     escape(about.task, fit)
-    assert len(tried) == 16
+    start, (low, high) = parameter_of(fit.model, "r").start or 0.0, parameter_of(fit.model, "r").plausible
+    factors = [1.1**2**k for k in range(12)]
+    up, down = ([f * start for f in fs if low < f * start < high] for fs in (factors, [1 / f for f in factors]))
+    assert tried == pytest.approx([*up, *down])
 
 
 def test_a_refused_effect_may_show_a_better_minimum_of_the_other_parameters() -> None:

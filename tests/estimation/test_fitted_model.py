@@ -136,11 +136,11 @@ def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> 
 # --- the residual ---------------------------------------------------------------------------------------------------
 
 
-def test_chi_squared_exceeds_noise_beyond_three_of_its_standard_deviations() -> None:
+def test_chi_squared_exceeds_noise_beyond_a_deviation_of_one_in_a_thousand() -> None:
     fit = calibrated_stand(task({}))
     samples = fit.solution.problem.dataset.samples
     assert samples == 3 * N and not fit.exceeds_noise
-    for deviations, exceeds in ((-1.0, False), (2.9, False), (3.1, True)):
+    for deviations, exceeds in ((-1.0, False), (3.2, False), (3.4, True)):
         size = math.sqrt(samples + deviations * math.sqrt(2 * samples))
         parts = tuple(size * np.eye(1, len(part))[0] * (k == 0) for k, part in enumerate(fit.solution.residuals))
         other = dataclasses.replace(fit, solution=dataclasses.replace(fit.solution, residuals=parts))

@@ -13,8 +13,7 @@ from scipy.stats import norm
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
 from flexdesign.estimation.uncertainty.identifiability import intervals
 from flexdesign.estimation.uncertainty.intervals import _Path, uncertainty

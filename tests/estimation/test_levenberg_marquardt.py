@@ -16,8 +16,8 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import (
-    FOLLOWING,
     FULL,
+    INEXACT,
     QUICK,
     ROUGH,
     SMALL_REDUCTION,
@@ -26,8 +26,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     linearise,
     solve,
 )
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates, value
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates, value
 from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.toys import Array, Run, Toy, parameter
 
@@ -371,7 +370,7 @@ def test_more_effort_ends_nearer_to_the_minimum(monkeypatch: pytest.MonkeyPatch)
     assert counts[:2] == [1, ROUGH.jacobians] and counts[2] > counts[1]
 
 
-@pytest.mark.parametrize("effort", [QUICK, FOLLOWING])
+@pytest.mark.parametrize("effort", [QUICK, INEXACT])
 def test_without_further_jacobians_the_known_one_is_followed(effort: Effort, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a straight model it leads to the minimum, and what is known of it is not computed again."""
     basis = np.column_stack([np.ones_like(T), T, T**2])

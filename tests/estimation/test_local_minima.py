@@ -13,14 +13,17 @@ import pytest
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Effort
-from flexdesign.estimation.least_squares.multistart import OTHER_MINIMUM, grid_initial_states
-from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.estimation_task import (
+    OTHER_MINIMUM,
+    EstimationTask,
+    fit_initial_states,
+    grid_initial_states,
+    search_initial_states,
+)
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
-    fit_initial_states,
     fit_model,
-    search_initial_states,
     solve_case,
 )
 from flexdesign.estimation.noise.autoregressive import White

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING, Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.model_selection.score_test import (
-    INDEPENDENT_SHARE,
     LARGEST_EXTRAPOLATION,
     LARGEST_MOVE,
     SIMULATED_LEVEL,
@@ -226,12 +224,12 @@ def test_what_base_numbers_imitate_gives_no_direction() -> None:
 
     every = [
         candidate("mixture", {"p": 1.0, "q": -2.0}),
-        candidate("nearly", {"p": 1.0, "x": 0.1 * math.sqrt(INDEPENDENT_SHARE)}),
+        candidate("nearly", {"p": 1.0, "x": 0.1 * math.sqrt(SIMULATION_ROUNDING)}),
         candidate("idle", {"x": 0.0}),
         of("constant", constant),
         of("bad", bad),
         of("wild", wild),
-        candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(INDEPENDENT_SHARE)}),
+        candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(SIMULATION_ROUNDING)}),
     ]
     screening = Screening(solution(base("p", "q"), observed, White(0.1)), every)
     assert [d.candidate.name for d in screening.directions] == ["hardly"]

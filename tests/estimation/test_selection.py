@@ -11,18 +11,17 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import parameter_of
+from flexdesign.core.parallel_map import shared_pool
 from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_design
 from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.model_selection import fitted_model, forward_selection, stepwise_selection
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.forward_selection import (
-    FINAL_FITS,
+    FINALISTS,
     GROSS_MISFIT,
     ROUGH_FITS,
-    ROUGH_FITS_BY_SCORE,
     fit_roughly,
     forward,
     screen,
@@ -30,7 +29,6 @@ from flexdesign.estimation.model_selection.forward_selection import (
 from flexdesign.estimation.model_selection.model_comparison import Step, compare, difference
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
-    LARGEST_GROUP,
     backward,
     confusable,
     select,
@@ -238,8 +236,8 @@ def test_a_candidate_whose_score_understates_it_is_found() -> None:
     # Known to the noise over the root of the sum of squares of its derivative, which is 0.0007; four times that.
     assert values["middle"] == pytest.approx(BELL["middle"], abs=0.003)
     assert {*told(said, "trying")} >= {candidate.name for candidate in every}
-    assert len(told(said, "fitting roughly with")) == ROUGH_FITS + ROUGH_FITS_BY_SCORE
-    assert len(step.trials) == FINAL_FITS
+    assert len(told(said, "fitting roughly with")) == ROUGH_FITS + FINALISTS
+    assert len(step.trials) == FINALISTS
     # In the order of the catalogue, or another, the same is found.
     for others in (every[::-1], [*every[6:], *every[:6]]):
         again = forward(about, before, others)
@@ -253,7 +251,7 @@ def test_pairs_take_no_place_of_single_effects_with_good_scores() -> None:
     before = calibrated_stand(about)
     _, entries = screen(about, before, decoys(12))
     singles = sorted((e for e in entries if len(e.names) == 1), key=lambda e: -e.start.predicted_reduction)
-    best, rest = singles[:ROUGH_FITS_BY_SCORE], singles[ROUGH_FITS_BY_SCORE:]
+    best, rest = singles[:FINALISTS], singles[FINALISTS:]
     pair = dataclasses.replace(best[0].start, directions=(*best[0].start.directions, *rest[0].start.directions))
     fit_roughly(about, before, [*rest, *best, dataclasses.replace(best[0], start=pair)])
     assert {entry.names[0] for entry in best} <= {*told(said, "fitting roughly with")}
@@ -362,14 +360,14 @@ def final(steps: Sequence[Step]) -> FittedModel:
 
 
 def test_effects_that_do_as_well_are_one_answer() -> None:
-    """Twins of d, each with a thousandth of something of its own; a group is no larger than it may be."""
+    """Twins of d, each with a thousandth of something of its own; a group is no larger than the last round."""
     twins = [candidate(name, {"d": 1.0, f"{name} alone": 1e-3}, signed=True) for name in ("w", "x", "y", "z")]
     about = task({"d": 0.3})
     for count in (1, 4):
         steps = steps_of(about, [*effects(), *twins[:count]])
         ((first, *others),) = confusable(about, final(steps), steps)
         assert first == steps[0].chosen.names[0] and {first, *others} <= {"d", "w", "x", "y", "z"}  # type: ignore[union-attr]
-        assert len(others) == min(count, LARGEST_GROUP - 1)
+        assert len(others) == min(count, FINALISTS - 1)
 
 
 def test_what_did_as_well_beside_a_gross_misfit_may_not_do_so_in_the_end() -> None:

@@ -14,7 +14,7 @@ from flexdesign.diagnosis.comparison.error_location import Breakdown
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import BETTER
+from flexdesign.estimation.criterion import LARGE
 from flexdesign.measurements.noise_level import NoiseFloor, allowed_excess
 from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
 
@@ -215,7 +215,7 @@ def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
 
 def reversal_question(found: float) -> str:
     """Return what to ask if the reversed prediction explains more than half of the motion; empty if it does not."""
-    if not (found < 0 and 1 - found**2 < BETTER):
+    if not (found < 0 and LARGE * (1 - found**2) < 1):
         return ""
     return (
         f"the stage moves against the prediction (correlation {found:.2f}): is the sign of the gain, of the "

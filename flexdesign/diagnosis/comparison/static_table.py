@@ -13,7 +13,7 @@ from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, Unce
 from flexdesign.analytic.static_model.uncertainty import UNSAID
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.estimation.criterion import BETTER
+from flexdesign.estimation.criterion import LARGE
 from flexdesign.measurements.recordings.unit_check import TOLERANCE
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS
 
@@ -123,7 +123,7 @@ def restore_signs(model: StaticModel, table: StaticTable) -> tuple[StaticTable, 
                 rows = f"rows with {column}{way} agree better with the model if {column} has the other sign"
                 trials.append((float(left), turned, f"{rows}: it was taken so"))
         share, turned, remark = min(trials, key=lambda trial: trial[0], default=(1.0, table, ""))
-        if share >= BETTER or remark in remarks:
+        if LARGE * share >= 1 or remark in remarks:
             return table, tuple(remarks)
         table = turned
         remarks.append(remark)

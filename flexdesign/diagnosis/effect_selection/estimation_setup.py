@@ -18,6 +18,7 @@ from flexdesign import effects
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Block, Model, Observation, Parameter
+from flexdesign.core.parallel_map import ParallelMap, shared_pool
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.dynamics.axis.axis_model import REVERSALS, STEPS_PER_PERIOD, TOLERANCE, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import (
@@ -32,12 +33,10 @@ from flexdesign.dynamics.stage_dynamics import chain
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
-from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
-from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask, fit_initial_states
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     evaluate_fit,
-    fit_initial_states,
 )
 from flexdesign.estimation.model_selection.model_comparison import difference
 from flexdesign.estimation.model_selection.score_test import Candidate

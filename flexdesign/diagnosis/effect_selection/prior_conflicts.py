@@ -25,9 +25,9 @@ from flexdesign.dynamics import spectrum
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
-from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, LARGE
-from flexdesign.estimation.least_squares.levenberg_marquardt import CALIBRATION
-from flexdesign.estimation.least_squares.parameter_transforms import value
+from flexdesign.estimation.criterion import HALF_WIDTH, LARGE, significant_deviation
+from flexdesign.estimation.least_squares.levenberg_marquardt import INEXACT
+from flexdesign.estimation.least_squares.residual_function import value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import is_relevant
@@ -79,7 +79,7 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
         # The prior may hold for small motions, for large ones, or for the range that a design was drawn for.
         low, high = sorted((values[name], small.get(name, values[name])))
-        if max(low - middle, middle - high) <= CONFLICT * sigma:
+        if max(low - middle, middle - high) <= significant_deviation() * sigma:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
         if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
@@ -99,7 +99,7 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         else:
             # c / (2 sqrt(k m)) falls with more mass, and grows with less stiffness as the frequency falls.
             slower = min(values.get("natural_frequency", math.inf) / data.axis.natural_frequency, 1.0)
-            is_overdamped = name == "damping_ratio" and slower * values[name] - middle > CONFLICT * sigma
+            is_overdamped = name == "damping_ratio" and slower * values[name] - middle > significant_deviation() * sigma
             found.append(Conflict(words, number=name, is_overdamped=is_overdamped))
     more = (_delay_shift(data, fit), _quantisation(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
@@ -204,7 +204,7 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
     else:
         task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
         held = model.replace({conflict.number: data.known[conflict.number][0]})
-    without = fit_model(task, held, fit.effects, effort=CALIBRATION)
+    without = fit_model(task, held, fit.effects, effort=INEXACT)
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 
@@ -217,12 +217,12 @@ def _follows(data: DiagnosisData, values: Mapping[str, float]) -> bool:
     if not {"gain", "natural_frequency"} <= known.keys():
         return False
     ratio = values.get("natural_frequency", data.axis.natural_frequency) / data.axis.natural_frequency
-    if ratio > 1 - CONFLICT * known["natural_frequency"][1] / known["natural_frequency"][0]:
+    if ratio > 1 - significant_deviation() * known["natural_frequency"][1] / known["natural_frequency"][0]:
         return False
     middle, sigma = known["gain"]
     rose = values["gain"] / middle
-    return (values["gain"] - middle) * math.copysign(1.0, middle) > CONFLICT * sigma and (
-        abs(rose * ratio**2 - 1) < CONFLICT * sigma / abs(middle)
+    return (values["gain"] - middle) * math.copysign(1.0, middle) > significant_deviation() * sigma and (
+        abs(rose * ratio**2 - 1) < significant_deviation() * sigma / abs(middle)
     )
 
 
@@ -268,7 +268,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     if (count := len(places)) < 2:
         return None
     late, jitter = fit.solution.x[places], max(priors[j] for j in places)
-    mean, least = float(np.mean(late)), CONFLICT * jitter / math.sqrt(count)
+    mean, least = float(np.mean(late)), significant_deviation() * jitter / math.sqrt(count)
     if mean < -least:
         words = (
             f"all runs began early, by {-1e3 * mean:.3g} ms in the mean: the reading answers before the command, so "

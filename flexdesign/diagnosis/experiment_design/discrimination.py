@@ -29,7 +29,7 @@ from flexdesign.diagnosis.experiment_design.limits import dynamics, of_axis
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import Diagnosis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.estimation.criterion import CONFLICT
+from flexdesign.estimation.criterion import significant_deviation
 
 #: Number of experiments proposed, one of each kind.
 EXPERIMENTS_PROPOSED = 3
@@ -85,7 +85,7 @@ class Resolved:
         kinds: dict[str, Separation] = {}
         for each in self.separations:
             kind = "added mass" if each.command.mass_ratio else each.command.kind
-            if each.over_noise >= CONFLICT and each.command.role == "identify":
+            if each.over_noise >= significant_deviation() and each.command.role == "identify":
                 kinds.setdefault(kind, each)
         return tuple(kinds.values())[:EXPERIMENTS_PROPOSED]
 

@@ -22,8 +22,7 @@ from flexdesign.diagnosis.result import Value
 from flexdesign.effects import statics
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.least_squares.parameter_transforms import coordinate, coordinates, value
-from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinate, coordinates, value
 from flexdesign.estimation.uncertainty.identifiability import profiles_of
 from flexdesign.estimation.uncertainty.intervals import uncertainty
 

@@ -6,6 +6,7 @@ Coefficients of nuisance columns, such as an offset, enter linearly and are elim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -18,10 +19,11 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
 from flexdesign.estimation.noise.autoregressive import Whitening, estimate_autocorrelation
 
-#: A combination of columns with a singular value below this share of the largest counts as zero.
-NULL_SPACE_TOLERANCE = 1e-10
-#: Residuals smaller than this share of the data are rounding of the simulator: costs are equal there.
+#: Relative error of the simulator: residuals smaller than this share of the data are rounding.
 SIMULATION_ROUNDING = 1e-7
+#: Relative change of the response by a finite difference, which balances that error and curvature, and the relative
+#: error of the derivative then (Gill, Murray and Wright, Practical Optimization, 1981, section 8.6).
+DIFFERENCE_STEP = math.sqrt(SIMULATION_ROUNDING)
 #: Returns the nuisance columns of an observation (samples by k), and the standard deviation of the coefficient of each
 #: [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
@@ -200,7 +202,7 @@ class Dataset:
         lengths = np.where(lengths > 0, lengths, 1.0)
         unit = stacked / lengths
         left, singular, right = np.linalg.svd(unit, full_matrices=False)
-        significant = singular > NULL_SPACE_TOLERANCE * singular.max(initial=0.0)
+        significant = singular > len(unit) * np.finfo(float).eps * singular.max(initial=0.0)
         basis = left[:, significant]
         amounts = (right[significant].T / singular[significant]) @ basis.T / lengths[:, None]
         return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)

@@ -52,10 +52,10 @@ class Effort:
     holds_initial_states: bool = False
 
 
-#: A fit to convergence; a rough fit that ranks candidates; and steps with the known Jacobian alone.
-FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
-#: The calibration, which is refined afterwards; and all steps of one Jacobian.
-CALIBRATION, FOLLOWING = Effort(is_exact=False), Effort(0, is_exact=False)
+#: A fit to convergence; and one from which no covariance follows.
+FULL, INEXACT = Effort(), Effort(is_exact=False)
+#: A rough fit that ranks candidates; and steps with the known Jacobian alone.
+ROUGH, QUICK = Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +131,8 @@ def solve(
     old
         Columns of the Jacobian of a fit nearby, see `Problem.jacobian`; the search begins with them.
     small
-        A step with a predicted reduction below this is the last, too; by default `SMALL_REDUCTION` times the
-        discrepancy, see `Dataset.discrepancy`.
+        A step with a predicted reduction below this is the last; by default `SMALL_REDUCTION` times the discrepancy,
+        see `Dataset.discrepancy`, or the share of chi^2 that the effort states.
     """
     x = np.clip(start, problem.where.lower, problem.where.upper)
     if (residuals := problem.residuals(x)) is None:

@@ -1,35 +1,22 @@
-"""Local minima: least squares from several starting points, and initial states of runs from a grid.
-
-The initial state of a hysteresis is not recorded, and chi^2 has local minima with respect to it.
-"""
+"""Local minima: least squares from several starting points."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from statistics import median
 
 import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.least_squares.residual_function import Map, Problem
+from flexdesign.estimation.least_squares.residual_function import Coordinates, Problem, coordinate, exists
 
 #: Points whose cost is computed for each start that may be followed: a tone of 15 periods with unknown amplitude,
 #: frequency and phase is then found in 38 of 40 fits, with half as many in 25.
 STARTING_POINTS = 32
-#: A run begins elsewhere where that lowers its chi^2 to less than this share: less is no other minimum.
-OTHER_MINIMUM = 0.98
-#: Points of the grid from which the initial state of a run is fitted.
-GRID_POINTS = 4
-#: Fits the initial state of one run from that of a model; returns chi^2 of the run, and the model with it.
-FitState = Callable[[Model, Record], tuple[float, Model]]
 
 
 @dataclass(frozen=True)
@@ -115,7 +102,7 @@ def _sample_starts(problem: Problem, starts: int) -> list[Array]:
     """Return points of a sample of the plausible ranges, best first, with some distance between them."""
     from scipy.stats.qmc import Sobol
 
-    low, high = problem.where.sampled()
+    low, high = _box(problem.where)
     sample = Sobol(len(low), rng=np.random.default_rng(0)).random_base2(math.ceil(math.log2(STARTING_POINTS * starts)))
     points = [low + unit * (high - low) for unit in sample]
     costs = np.array(list(problem.each(lambda x: problem.cost(x, problem.residuals(x)), points)))
@@ -127,61 +114,19 @@ def _sample_starts(problem: Problem, starts: int) -> list[Array]:
     return [points[i] for i in chosen]
 
 
-# --- initial states of runs ------------------------------------------------------------------------------------------
+def _box(where: Coordinates) -> tuple[Array, Array]:
+    """Return the lower and upper ends of the box from which other starts are drawn.
 
-
-def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
-    """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
-
-    Numbers of a run that have no grid are tried at their median over the runs; those that have one, also at zero.
-
-    Parameters
-    ----------
-    dataset, model
-        The runs, and the model; all its other numbers stay.
-    each
-        Maps simulations.
-    fit_state
-        Fits the initial state of one run from the best points of the grid; by default the best point is taken.
+    The box is the plausible range; for a parameter with a prior, two standard deviations about its mean. On a side
+    without a bound it reaches three times the present value, or a factor of ten for a logarithm.
     """
-    own, starts, grids = dict[str, list[str]](), dict[str, list[float]](), dict[str, tuple[float, ...]]()
-    for parameter in model.parameters():
-        if parameter.run:
-            own.setdefault(parameter.run, []).append(parameter.name)
-            starts.setdefault(_number(parameter.name), []).append(parameter.start or 0.0)
-            grids |= {_number(parameter.name): parameter.screen} if parameter.screen else {}
-    records = [record for record in dataset.records if record.observation.name in own]
-    if not grids or not records:
-        return model
-    medians = {number: median(values) for number, values in starts.items()}
-    # Zero is the state of a stage that was never driven before.
-    values = [*itertools.product(*grids.values()), (0.0,) * len(grids)]
-    points = [{**medians, **dict(zip(grids, point, strict=True))} for point in values]
-    changed = dict[str, float]()
-    trials = [
-        (record, values)
-        for record in records
-        for values in ({}, *({name: p[_number(name)] for name in own[record.observation.name]} for p in points))
-    ]
-    costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))
-    for k, record in enumerate(records):
-        first, last = k * (len(points) + 1), (k + 1) * (len(points) + 1)
-        best = sorted(range(first + 1, last), key=costs.__getitem__)[: GRID_POINTS if fit_state else 1]
-        found = [(costs[at], model.replace(trials[at][1])) for at in best]
-        if fit_state is not None:
-            found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))
-        cost, there = min(found, key=lambda pair: pair[0])
-        if cost < OTHER_MINIMUM * costs[first]:
-            names = own[record.observation.name]
-            changed |= {p.name: p.start for p in there.parameters() if p.name in names and p.start is not None}
-    return model.replace(changed) if changed else model
-
-
-def _number(name: str) -> str:
-    """Return what a number of a run is called, without the run."""
-    return name.rpartition(":")[2]
-
-
-def _cost(dataset: Dataset, model: Model, record: Record) -> float:
-    residual = dataset.residual(record, np.asarray(model.predict(record.observation)))
-    return math.inf if residual is None else float(residual @ residual)
+    reach = np.array([math.log(10.0) if p.scale == "log" else 3.0 for p in where.parameters]) * where.sizes(where.start)
+    low = np.where(np.isfinite(where.lower), where.lower, where.start - reach)
+    high = np.where(np.isfinite(where.upper), where.upper, where.start + reach)
+    for i, p in enumerate(where.parameters):
+        if p.name in where.known:
+            middle, sigma = where.known[p.name]
+            ends = [coordinate(p, v) for v in (middle - 2 * sigma, middle + 2 * sigma) if exists(p, v)]
+            ends = ends if len(ends) == 2 else [*ends, coordinate(p, middle)]
+            low[i], high[i] = (float(np.clip(end, low[i], high[i])) for end in sorted(ends))
+    return low, high

@@ -1,18 +1,31 @@
-"""The estimation problem of a diagnosis: identification and validation runs, free parameters, and their priors."""
+"""The estimation problem of a diagnosis: runs, free parameters and their priors, and the initial states of runs.
+
+The initial state of a hysteresis is not recorded, and chi^2 has local minima with respect to it: it is fitted from the
+points of a grid.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from statistics import median
 
 import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, coordinate, coordinates
-from flexdesign.estimation.least_squares.residual_function import Map, Problem
+from flexdesign.estimation.least_squares.dataset import Dataset, Record
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort, Solution, solve
+from flexdesign.estimation.least_squares.residual_function import Coordinates, Map, Problem, coordinate, coordinates
+
+#: Points of the grid from which the initial state of a run is fitted.
+GRID_POINTS = 4
+#: A run begins elsewhere where that lowers its chi^2 to less than this share: less is no other minimum.
+OTHER_MINIMUM = 0.98
+#: Fits the initial state of one run from that of a model; returns chi^2 of the run, and the model with it.
+FitState = Callable[[Model, Record], tuple[float, Model]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +47,7 @@ class EstimationTask:
     coarse, fine
         Return a model that is simulated less exactly and faster, for screening; and exactly.
     each
-        Maps simulations, and fits, perhaps over threads; see `least_squares.parallel_map`.
+        Maps simulations, and fits, perhaps over threads; see `core.parallel_map`.
     progress
         Receives the progress as text.
     calibrated_excess
@@ -98,3 +111,80 @@ def _bound_by_priors(where: Coordinates, prior_bound: float) -> Coordinates:
             lower[j] = max(lower[j], coordinate(parameter, middle - prior_bound * sigma))
             upper[j] = min(upper[j], coordinate(parameter, middle + prior_bound * sigma))
     return replace(where, lower=lower, upper=upper, start=np.clip(where.start, lower, upper))
+
+
+# --- initial states of runs ------------------------------------------------------------------------------------------
+
+
+def fit_initial_states(task: EstimationTask, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
+    """Fit the initial states of the runs of a data set, with all other parameters held; None where the model fails."""
+    problem = task.problem(dataset, model)
+    # Nothing is derived from the Jacobian at the end, so that it need not be exact.
+    return solve(problem, problem.where.start, replace(effort, is_exact=False))
+
+
+def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) -> Model:
+    """Return a model with the initial state of each run that fits best, fitted from the best points of a grid."""
+
+    def fit_state(model: Model, record: Record) -> tuple[float, Model]:
+        solution = fit_initial_states(task, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
+        return (math.inf, model) if solution is None else (solution.misfit, solution.problem.at(solution.x))
+
+    return grid_initial_states(dataset, model, task.each, fit_state)
+
+
+def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
+    """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
+
+    Numbers of a run that have no grid are tried at their median over the runs; those that have one, also at zero.
+
+    Parameters
+    ----------
+    dataset, model
+        The runs, and the model; all its other numbers stay.
+    each
+        Maps simulations.
+    fit_state
+        Fits the initial state of one run from the best points of the grid; by default the best one is taken.
+    """
+    own, starts, grids = dict[str, list[str]](), dict[str, list[float]](), dict[str, tuple[float, ...]]()
+    for parameter in model.parameters():
+        if parameter.run:
+            own.setdefault(parameter.run, []).append(parameter.name)
+            starts.setdefault(_number(parameter.name), []).append(parameter.start or 0.0)
+            grids |= {_number(parameter.name): parameter.screen} if parameter.screen else {}
+    records = [record for record in dataset.records if record.observation.name in own]
+    if not grids or not records:
+        return model
+    medians = {number: median(values) for number, values in starts.items()}
+    # Zero is the state of a stage that was never driven before.
+    values = [*itertools.product(*grids.values()), (0.0,) * len(grids)]
+    points = [{**medians, **dict(zip(grids, point, strict=True))} for point in values]
+    changed = dict[str, float]()
+    trials = [
+        (record, values)
+        for record in records
+        for values in ({}, *({name: p[_number(name)] for name in own[record.observation.name]} for p in points))
+    ]
+    costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))
+    for k, record in enumerate(records):
+        first, last = k * (len(points) + 1), (k + 1) * (len(points) + 1)
+        best = sorted(range(first + 1, last), key=costs.__getitem__)[: GRID_POINTS if fit_state else 1]
+        found = [(costs[at], model.replace(trials[at][1])) for at in best]
+        if fit_state is not None:
+            found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))
+        cost, there = min(found, key=lambda pair: pair[0])
+        if cost < OTHER_MINIMUM * costs[first]:
+            names = own[record.observation.name]
+            changed |= {p.name: p.start for p in there.parameters() if p.name in names and p.start is not None}
+    return model.replace(changed) if changed else model
+
+
+def _number(name: str) -> str:
+    """Return what a number of a run is called, without the run."""
+    return name.rpartition(":")[2]
+
+
+def _cost(dataset: Dataset, model: Model, record: Record) -> float:
+    residual = dataset.residual(record, np.asarray(model.predict(record.observation)))
+    return math.inf if residual is None else float(residual @ residual)

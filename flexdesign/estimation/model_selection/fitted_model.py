@@ -11,17 +11,19 @@ import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model, parameter_of
-from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, SHARE, is_undetermined
-from flexdesign.estimation.least_squares.dataset import Dataset, Record
+from flexdesign.estimation.criterion import HALF_WIDTH, SHARE, is_undetermined, significant_deviation
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
-from flexdesign.estimation.least_squares.multistart import grid_initial_states
-from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.estimation_task import (
+    EstimationTask,
+    fit_initial_states,
+    search_initial_states,
+)
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
-#: First factors by which thresholds are changed: smaller changes are within the reach of derivatives; and the largest
-#: number of times that such a step is doubled, to a factor of 1e5.
-THRESHOLD_FACTORS, MOST_DOUBLINGS = (1.1, 0.9), 8
+#: First factor by which thresholds are changed, up and down: smaller changes are within the reach of derivatives.
+THRESHOLD_FACTOR = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,7 @@ class FittedModel:
     @property
     def exceeds_noise(self) -> bool:
         """Whether chi^2 of the fitted runs is larger than white noise makes it."""
-        return self.excess > CONFLICT * math.sqrt(2.0 * self.solution.problem.dataset.samples)
+        return self.excess > significant_deviation() * math.sqrt(2.0 * self.solution.problem.dataset.samples)
 
     @property
     def scale(self) -> float:
@@ -239,23 +241,6 @@ def evaluate_fit(task: EstimationTask, solution: Solution, effects: tuple[Candid
     return FittedModel(effects, solution, model, validation_chi2, dict(zip(names, residuals, strict=True)))
 
 
-def fit_initial_states(task: EstimationTask, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
-    """Fit the initial states of the runs of a data set, with all other parameters held; None where the model fails."""
-    problem = task.problem(dataset, model)
-    # Nothing is derived from the Jacobian at the end, so that it need not be exact.
-    return solve(problem, problem.where.start, replace(effort, is_exact=False))
-
-
-def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) -> Model:
-    """Return a model with the initial state of each run that fits best, fitted from the best points of a grid."""
-
-    def fit_state(model: Model, record: Record) -> tuple[float, Model]:
-        solution = fit_initial_states(task, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
-        return (math.inf, model) if solution is None else (solution.misfit, solution.problem.at(solution.x))
-
-    return grid_initial_states(dataset, model, task.each, fit_state)
-
-
 def predict_tests(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit with the residuals of the test runs, after their initial conditions are fitted."""
     if (
@@ -353,12 +338,11 @@ def _search_threshold(task: EstimationTask, fit: FittedModel, name: str) -> Solu
     cost = fit.solution.problem.cost_of(model, fit.solution.x)
     if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change the cost by too much
         model, cost = fit.model, fit.cost
-    for factor in THRESHOLD_FACTORS:
-        for doublings in range(MOST_DOUBLINGS):
-            start = parameter_of(model, name).start or 0.0
-            elsewhere = model.replace({name: factor**2**doublings * start})
-            rough = solve_case(task, elsewhere, fit.effects, effort=ROUGH)
+    low, high = parameter_of(model, name).plausible
+    for factor in (THRESHOLD_FACTOR, 1 / THRESHOLD_FACTOR):
+        while low < (elsewhere := factor * (parameter_of(model, name).start or 0.0)) < high:
+            rough = solve_case(task, model.replace({name: elsewhere}), fit.effects, effort=ROUGH)
             if rough is None or rough.cost >= cost - fit.discrepancy:
                 break
-            best, cost, model = rough, rough.cost, rough.problem.at(rough.x)
+            best, cost, model, factor = rough, rough.cost, rough.problem.at(rough.x), factor * factor
     return best

@@ -18,8 +18,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import LEVEL, SHARE, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
-from flexdesign.estimation.least_squares.multistart import grid_initial_states
-from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask, grid_initial_states
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
@@ -32,10 +31,10 @@ from flexdesign.estimation.model_selection.score_test import Candidate, Directio
 
 #: A candidate is fitted if its score promises this share of what would be accepted: the score is a linear estimate.
 PROMISING_SHARE = 0.5
-#: Trials of one candidate, and pairs of candidates, from which fits start.
-STARTS_PER_CANDIDATE, MOST_PAIRS = 2, 2
-#: Candidates that are fitted roughly: the best quick fits, and the best scores; and those that are fitted to the end.
-ROUGH_FITS, ROUGH_FITS_BY_SCORE, FINAL_FITS = 6, 2, 3
+#: Quick fits that are fitted roughly; rough fits that are fitted to convergence, and the most that other rankings add.
+ROUGH_FITS, FINALISTS = 6, 3
+#: Trials of one candidate from which fits start: the best alone may lead to a local minimum.
+STARTS_PER_CANDIDATE = 2
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
 GROSS_MISFIT = 30.0
 
@@ -75,7 +74,10 @@ class Entry:
 
 
 def screen(
-    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+    task: EstimationTask,
+    fit: FittedModel,
+    candidates: Sequence[Candidate],
+    expansion_points: Sequence[FittedModel] = (),
 ) -> tuple[float, list[Entry]]:
     """Return the critical value of the largest score, and quick fits of candidates with a sufficient score, best first.
 
@@ -84,7 +86,7 @@ def screen(
     left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
     task.progress("screening the catalogue" if not fit.effects else f"screening with {', '.join(fit.names)}")
     score, starts = 0.0, list[_Start]()
-    for origin in (fit, *origins):
+    for origin in (fit, *expansion_points):
         screening = Screening(origin.solution, left, task.coarse)
         score = score or screening.critical_value(LEVEL)
         starts += _starts(origin, screening, PROMISING_SHARE * max(score, SHARE * origin.excess))
@@ -115,7 +117,7 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
     best = entries[:ROUGH_FITS]
     others = [e for e in entries[ROUGH_FITS:] if e.start.origin is fit and len(e.names) == 1]
     others.sort(key=lambda e: -e.start.predicted_reduction)
-    return _best_by_names(task.each(roughly, [*best, *others[:ROUGH_FITS_BY_SCORE]]))
+    return _best_by_names(task.each(roughly, [*best, *others[:FINALISTS]]))
 
 
 def forward(
@@ -144,7 +146,7 @@ def forward(
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
-        first = rank(trials)[:FINAL_FITS]
+        first = rank(trials)[:FINALISTS]
         trials = [_escape(task, fit, trial) if trial in first else trial for trial in trials]
         trials += _trials(task, fit, pairs, score)
         trials += _replaced(task, fit, best_of(task, trials), trials, score)
@@ -154,7 +156,6 @@ def forward(
 def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
     """Return starting points: the best trials of each candidate, and pairs with a larger score than single ones."""
     best = screening.best()
-
     found = [
         _Start(origin, (each,))
         for directions in best
@@ -162,7 +163,7 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
         if each.predicted_reduction > enough
     ]
     most = best[0][0].predicted_reduction if best else 0.0
-    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(MOST_PAIRS) if predicted_gain > most + enough]
+    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(FINALISTS) if predicted_gain > most + enough]
     return found + [_Start(origin, pair) for pair in pairs]
 
 
@@ -180,7 +181,7 @@ def _compete(
     cost = singles[0].solution.cost if singles else fit.cost
     cost -= PROMISING_SHARE * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
     pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
-    return singles[:FINAL_FITS], pairs[:MOST_PAIRS]
+    return singles[:FINALISTS], pairs[:FINALISTS]
 
 
 def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:

@@ -13,7 +13,7 @@ from flexdesign.core.model import Model, parameter_of
 from flexdesign.estimation import criterion
 from flexdesign.estimation.criterion import Evidence
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
-from flexdesign.estimation.least_squares.parameter_transforms import coordinate, null_of, value
+from flexdesign.estimation.least_squares.residual_function import coordinate, null_of, value
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate, score_of_columns

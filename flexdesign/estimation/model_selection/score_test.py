@@ -25,12 +25,9 @@ from scipy.special import chdtrc, chdtri
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
+from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
-#: The free parameters imitate an effect if less than this fraction of its squares is independent of them.
-INDEPENDENT_SHARE = 1e-8
-#: A change of the prediction smaller than this share of the data is rounding.
-NEGLIGIBLE_MOVE = 1e-12
 #: A score counts only if its strength is no more than this many times that of the catalogue.
 LARGEST_EXTRAPOLATION = 300.0
 #: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
@@ -168,7 +165,7 @@ def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> flo
         return 0.0
     shared, gradient = np.hstack(projections), np.concatenate(gradients)
     own = block_diag(*grams) - shared.T @ solution.covariance @ shared
-    return float(gradient @ np.linalg.pinv(own, rcond=INDEPENDENT_SHARE, hermitian=True) @ gradient)
+    return float(gradient @ np.linalg.pinv(own, rcond=SIMULATION_ROUNDING, hermitian=True) @ gradient)
 
 
 class Screening:
@@ -211,6 +208,7 @@ class Screening:
                 move = self._move(model, values)
                 if move is None or candidate.has_own_trials:
                     return None if move is None else self._direction(candidate, values, move)
+                # No larger than the noise: what the free parameters imitate is projected out to first order.
                 scale = min(LARGEST_MOVE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
                 if scale < 1:
                     values = {**values, candidate.strength: values[candidate.strength] * scale}
@@ -236,10 +234,8 @@ class Screening:
         projection = self.solution.project(np.split(move, self.ends))
         norm2 = float(move @ move)
         projected_norm2 = norm2 - float(projection @ self.inverse @ projection)
-        if (
-            norm2 <= (NEGLIGIBLE_MOVE * self.solution.problem.dataset.size) ** 2
-            or projected_norm2 < INDEPENDENT_SHARE * norm2
-        ):
+        # The square of the relative error of the Jacobian is the rounding of the simulator.
+        if norm2 <= self.solution.problem.dataset.floor or projected_norm2 < SIMULATION_ROUNDING * norm2:
             return None
         return Direction(candidate, values, move, projection, projected_norm2, float(move @ self.residual))
 
@@ -257,7 +253,7 @@ class Screening:
         matrix = np.column_stack(columns)
         projection = self.solution.project(np.split(matrix, self.ends))
         gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
-        amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
+        amounts = np.linalg.pinv(gram, rcond=SIMULATION_ROUNDING, hermitian=True) @ (matrix.T @ self.residual)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
         size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
         if size == 0:
@@ -314,7 +310,7 @@ class Screening:
         pairs = []
         for i, j in itertools.combinations(range(len(self.directions)), 2):
             a, b, cosine = self.directions[i], self.directions[j], float(cosines[i, j])
-            if a.candidate.name == b.candidate.name or 1 - cosine**2 < INDEPENDENT_SHARE:
+            if a.candidate.name == b.candidate.name or 1 - cosine**2 < SIMULATION_ROUNDING:
                 continue
             p, q = a.predicted_gain / math.sqrt(a.projected_norm2), b.predicted_gain / math.sqrt(b.projected_norm2)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)

@@ -16,7 +16,7 @@ from scipy.special import chdtri
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation
 from flexdesign.estimation.criterion import LEVEL
-from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.least_squares.dataset import DIFFERENCE_STEP, Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import without_offset
@@ -25,9 +25,6 @@ from flexdesign.estimation.model_selection.model_comparison import without_offse
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
 #: Largest number of terms.
 MOST_TERMS = 10
-#: The free parameters, and the functions that were added, can imitate a function if projection leaves less than this
-#: share of its squares.
-INDEPENDENT_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,8 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     projection, inverse = solution.project(parts), solution.covariance
     gram = columns.T @ columns - projection.T @ inverse @ projection
     predicted_gain = columns.T @ np.concatenate(solution.residuals)
-    least = INDEPENDENT_SHARE * np.sum(columns**2, axis=0)
+    # With a smaller remainder the free parameters, and the functions that were added, can imitate a function.
+    least = DIFFERENCE_STEP * np.sum(columns**2, axis=0)
     chosen, gains = _pursuit(gram, predicted_gain, least, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return SparseModel({}, 0.0, 0.0, 0.0, {})

@@ -23,13 +23,9 @@ from flexdesign.estimation.noise.autoregressive import Process, burg
 
 #: Highest order of a noise process: sensors filter with a few poles, and each coefficient more slows every whitening.
 HIGHEST_ORDER = 16
-#: Largest reflection coefficient: the correlation of an AR(1) then lasts ten thousand samples, as long as most records.
-LARGEST_REFLECTION = 1 - 1e-4
 #: Least share of the squares of a sinusoid that its fading must explain: with noise that is not quite autoregressive, a
 #: strong sinusoid may seem to fade. A hundredth corresponds to an amplitude that changes by a sixth either way.
 LEAST_FADING = 0.01
-#: Largest number of sinusoids, and of peaks that are tried before each: a disturbance and its harmonics have fewer.
-MOST_SINUSOIDS = 8
 #: Fewest periods of a sinusoid in the longest stretch: slower ones are drift, which the trends remove in part.
 FEWEST_PERIODS = 6
 
@@ -79,9 +75,10 @@ def estimate(stretches: Sequence[Stretch]) -> tuple[Process, float]:
     """
     reflections = burg([s.residual for s in stretches], HIGHEST_ORDER)
     likelihood = _Likelihood(stretches, len(reflections))
-    at = np.arctanh(np.clip(reflections, -LARGEST_REFLECTION, LARGEST_REFLECTION))
+    largest = 1 - 1 / likelihood.dof  # the correlation of an AR(1) then lasts as long as all stretches
+    at = np.arctanh(np.clip(reflections, -largest, largest))
     if len(at):
-        bound = np.arctanh(LARGEST_REFLECTION)
+        bound = np.arctanh(largest)
         found: Any = minimize(likelihood, at, method="L-BFGS-B", bounds=[(-bound, bound)] * len(at))
         at = found.x
     return likelihood.process(at), likelihood.effective(at)
@@ -179,7 +176,7 @@ def remove_sinusoids(stretches: Sequence[Stretch], period: float) -> tuple[tuple
     stretches have the same sampling period [s].
     """
     found, left = list[Sinusoid](), tuple(stretches)
-    while len(found) < MOST_SINUSOIDS:
+    while True:
         tested = (_test_peak(left, peak, period) for peak in _peaks(left, period))
         fit = next((fit for fit in tested if fit is not None), None)
         if fit is None:
@@ -215,7 +212,7 @@ def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
     ratio = power / np.maximum(_local_median(power, 2 * lowest), np.finfo(float).tiny)
     median_ratio = gammainccinv(len(runs), 1 / len(power)) / gammaincinv(len(runs), 0.5)
     places = lowest + find_peaks(ratio[lowest:], height=median_ratio, distance=2 * resolution)[0]
-    places = places[np.argsort(-ratio[places])][:MOST_SINUSOIDS]
+    places = places[np.argsort(-ratio[places])]
     before, at, after = power[places - 1], power[places], power[places + 1]
     vertices = places + 0.5 * (before - after) / (before - 2 * at + after)  # of parabolas
     return [float(vertex) / (length * period) for vertex in vertices]

@@ -16,12 +16,11 @@ from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import join_names
 from flexdesign.core.model import Parameter
+from flexdesign.estimation.criterion import CONFIDENCE
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, refine_minimum, solve
-from flexdesign.estimation.least_squares.parameter_transforms import coordinate, value
-from flexdesign.estimation.uncertainty.intervals import Profile, Uncertainty, profile, quadratic, uncertainty
+from flexdesign.estimation.least_squares.residual_function import coordinate, value
+from flexdesign.estimation.uncertainty.intervals import ACCURACY, Profile, Uncertainty, profile, quadratic, uncertainty
 
-#: An interval that covers this share of the plausible range, or of the prior, says nothing new.
-UNINFORMATIVE_WIDTH = 0.9
 #: Parameters correlated more than this are named together if one of them is undetermined: its interval would be less
 #: than half as wide, sqrt(1 - 0.9^2), if the others were known.
 HIGH_CORRELATION = 0.9
@@ -141,13 +140,16 @@ class _Check:
         return (sentence, None) if profile.corrected else (f"{reason}; {sentence}", interval)
 
     def too_wide(self, j: int, profile: Profile) -> tuple[str, tuple[float, float] | None]:
-        """Return why an interval is too wide (empty if it is not), and the interval if it bounds the parameter."""
+        """Return why an interval is too wide (empty if it is not), and the interval if it bounds the parameter.
+
+        The 95 % interval of a uniform prior, without any data, covers 95 % of the plausible range.
+        """
         parameter, interval = self.parameters[j], self.interval(j, profile)
         known = self.where.known.get(parameter.name)
-        if known and self.sigma(j) > UNINFORMATIVE_WIDTH * known[1]:
+        if known and self.sigma(j) > CONFIDENCE * known[1]:
             return f"these runs add nothing to the prior, {_pair_text(parameter, known, ' ± ', known[1])}", None
         is_all = profile.open_low and profile.open_high
-        if is_all or profile.high - profile.low > UNINFORMATIVE_WIDTH * self.where.span[j]:
+        if is_all or profile.high - profile.low > CONFIDENCE * self.where.span[j]:
             nearly, plausible = "" if is_all else "nearly ", _pair_text(parameter, parameter.plausible)
             return f"these runs allow {nearly}all that is plausible, {plausible}", None if is_all else interval
         if profile.open_low or profile.open_high:
@@ -272,8 +274,8 @@ def intervals(
 
 @lru_cache(maxsize=4)
 def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
-    """Return a fit with values accurate to 0.05 standard deviations, and its uncertainty."""
-    accuracy = 0.05**2 * uncertainty(near).variance
+    """Return a fit with values accurate to `ACCURACY` standard deviations, and its uncertainty."""
+    accuracy = ACCURACY**2 * uncertainty(near).variance
     polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
     return polished, uncertainty(polished)
 

@@ -27,35 +27,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from flexdesign.core.arrays import Array
+from flexdesign.estimation.criterion import CONFIDENCE, HALF_WIDTH, LEVEL
+from flexdesign.estimation.least_squares.dataset import DIFFERENCE_STEP, SIMULATION_ROUNDING
 from flexdesign.estimation.least_squares.levenberg_marquardt import (
-    FOLLOWING,
+    QUICK,
+    ROUGH,
     Columns,
-    Effort,
     Solution,
     add_normal,
     solve,
 )
 from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
-#: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.
-CONFIDENCE, MISFIT_LEVEL = 0.95, 0.01
-#: A singular value of the scaled Jacobian below this share of the largest counts as zero: the simulator's error of
-#: 1e-7 over the relative change of 1e-3 by which central differences move the response.
-RANK_TOLERANCE = 1e-4
-#: A parameter takes part in a null direction with more than this weight: far above `RANK_TOLERANCE`, the error of a
-#: direction.
-NULL_WEIGHT = 0.03
-#: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
-#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
-COVARIANCE_TOLERANCE, PROFILE_ACCURACY = 0.1, 0.03
-#: Rises relative to that at the end are limited to this and its inverse: zero and infinity have no logarithm.
-LEAST_RISE = 1e-6
+#: Relative accuracy of the ends of intervals: a user sees no twentieth of one.
+ACCURACY = 0.05
+#: A parameter takes part in a null direction with more than this weight: halfway, on a scale of logarithms, from
+#: `DIFFERENCE_STEP`, the error of a direction, to one.
+NULL_WEIGHT = math.sqrt(DIFFERENCE_STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +112,8 @@ class Uncertainty:
 def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
     """Return the covariance of the coordinates at a minimum.
 
+    A singular value of the scaled Jacobian below `DIFFERENCE_STEP`, its relative error, counts as zero.
+
     Parameters
     ----------
     solution
@@ -125,7 +121,7 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     known_variance
         Variance of the whitened residual if the noise is given; None if it is unknown and follows from the residual.
     """
-    from scipy.special import chdtri, ndtri, stdtrit
+    from scipy.special import chdtri, stdtrit
 
     records, given = solution.problem.dataset.records, known_variance or 0.0
     prior = solution.problem.prior_jacobian(solution.x)
@@ -150,18 +146,17 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     parameters += solution.problem.dataset.nuisance_dof
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
     is_white = all(correlation.is_white for correlation in correlations)
-    is_explained = is_white and pooled * dof < given * float(chdtri(dof, MISFIT_LEVEL))
+    is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
     variance = given if is_explained else pooled
     variances = np.full(len(records), variance) if is_white else np.maximum(chi2 / residual_dof, given)
     # Priors of nuisance columns and of parameters count with their own variance.
     known = np.vstack([prior, *(j[count:] for j, count in zip(jacobians, counts, strict=True))])
     score_covariance = known.T @ known + sum(v * score for v, score in zip(variances, scores, strict=True))
-    upper = (1 + CONFIDENCE) / 2
     return Uncertainty(
         covariance=inverse_hessian @ score_covariance @ inverse_hessian,
         inverse_hessian=inverse_hessian,
         null_space=null_space,
-        quantile=float(ndtri(upper) if is_explained else stdtrit(dof, upper)),
+        quantile=HALF_WIDTH if is_explained else float(stdtrit(dof, (1 + CONFIDENCE) / 2)),
         variance=variance,
         inflation=tuple(inflation.tolist()),
     )
@@ -175,7 +170,7 @@ def _decompose(data: Array, prior: Array) -> tuple[Array, Array, Array]:
     length = np.sqrt(np.diag(data))
     length = np.where(length > 0, length, 1.0)
     strength, axes = np.linalg.eigh(data / np.outer(length, length))
-    is_determined = strength > RANK_TOLERANCE**2 * strength.max(initial=1e-300)
+    is_determined = strength > SIMULATION_ROUNDING * strength.max(initial=1e-300)
     strength, axes = strength[is_determined], np.where(np.abs(axes) < 1e-9, 0.0, axes)[:, is_determined]
     projection = (axes / length[:, None]) @ (axes * length[:, None]).T
     root = np.vstack([np.sqrt(strength)[:, None] * (axes * length[:, None]).T, prior])
@@ -269,24 +264,24 @@ class _Path:
         def excess(at: float) -> float:
             distance = math.exp(at)
             if x + side * distance == x:  # without displacement no rise
-                return math.log(LEAST_RISE) / 2
+                return math.log(SIMULATION_ROUNDING) / 2
             if at not in computed:
                 nearest = max(d for d in derivatives if d < distance)
                 guess = derivatives[nearest] * distance
                 increase, displacement, columns[distance] = self.cost_increase(side * distance, guess, columns[nearest])
-                rise = math.log(min(max(increase / self.expected, LEAST_RISE), 1 / LEAST_RISE)) / 2
+                rise = math.log(min(max(increase / self.expected, SIMULATION_ROUNDING), 1 / SIMULATION_ROUNDING)) / 2
                 # From a better point the fit is repeated, so that the search may end there.
-                is_end = abs(rise) <= PROFILE_ACCURACY or self.better is not None
+                is_end = abs(rise) <= ACCURACY or self.better is not None
                 computed[at], derivatives[distance] = (0.0 if is_end else rise), displacement / distance
             return computed[at]
 
         first = min(self.half, where.span[self.j] / 8, room)
-        if first == self.half and abs(excess(math.log(first))) <= COVARIANCE_TOLERANCE:
+        if first == self.half and abs(excess(math.log(first))) <= ACCURACY:
             return x + side * first, False, False
         bracket = _bracket(excess, math.log(first), math.log(room))
         if bracket is None:
             return bound, True, self.half < room
-        root = brentq(excess, *bracket, xtol=PROFILE_ACCURACY, maxiter=8, disp=False)
+        root = brentq(excess, *bracket, xtol=ACCURACY, maxiter=8, disp=False)
         return x + side * math.exp(float(root)), False, True
 
     def cost_increase(self, displacement: float, guess: Array, columns: Columns) -> tuple[float, Array, Columns]:
@@ -296,15 +291,15 @@ class _Path:
         cost at their end can only be too high. If it is, they are fitted with a new Jacobian, which is also used
         farther out, but not nearer to the minimum.
         """
-        where, small = self.problem.where, PROFILE_ACCURACY * self.expected + self.floor
+        where, small = self.problem.where, ACCURACY * self.expected + self.floor
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
         x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
         others = self.problem.fixed(self.j, float(x[self.j]), x)
-        found = solve(others, x[self.others], FOLLOWING, columns, small=small)
+        found = solve(others, x[self.others], replace(QUICK, share=0.0), columns, small=small)
         if found is None:
             return math.inf, x - self.minimum.x, columns
-        if self._above_minimum(x, found) > (1 + COVARIANCE_TOLERANCE) ** 2 * self.expected and self.others.size:
-            found = solve(others, found.x, Effort(2, 0.0, is_exact=False), found.columns(), small=small) or found
+        if self._above_minimum(x, found) > (1 + ACCURACY) ** 2 * self.expected and self.others.size:
+            found = solve(others, found.x, replace(ROUGH, share=0.0), found.columns(), small=small) or found
             columns = found.columns()
         increase = self._above_minimum(x, found)
         if -increase > small:

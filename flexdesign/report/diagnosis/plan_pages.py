@@ -13,7 +13,7 @@ from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
 from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
 from flexdesign.diagnosis.experiment_design.planning import Plan
-from flexdesign.estimation.criterion import CONFLICT
+from flexdesign.estimation.criterion import significant_deviation
 from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
 
@@ -52,7 +52,7 @@ def verdict(resolved: Resolved) -> str:
     if not resolved.proposed:
         return (
             f"None of these experiments distinguishes {first} from {second}: none differs by more than "
-            f"{CONFLICT:g} times the sensor's noise. Record longer, average, or use a better sensor."
+            f"{significant_deviation():.1f} times the sensor's noise. Record longer, average, or use a better sensor."
         )
     best = resolved.proposed[0]
     others = [_plain(each.command) for each in resolved.proposed[1:]]

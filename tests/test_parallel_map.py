@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from flexdesign.estimation.least_squares.parallel_map import shared_pool
+from flexdesign.core.parallel_map import shared_pool
 
 #: Longer than any of these takes; what waits so long waits for ever.
 FOR_EVER = 30.0
