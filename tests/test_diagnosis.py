@@ -716,6 +716,23 @@ def test_a_gain_that_rises_with_a_falling_frequency_is_lost_stiffness() -> None:
     assert judged(about, heavier, heavier).confusable == (("payload_mass", "stiffness_loss"),)
 
 
+def with_parts(of: FittedModel, more: Mapping[int, float]) -> FittedModel:
+    """The stand with Gaussian noise of variance one left, and jumps added to it at some samples."""
+    rng = np.random.default_rng(0)
+    parts = [rng.standard_normal(len(part)) for part in of.solution.residuals]
+    for place, jump in more.items():
+        parts[0][place] += jump
+    return replace(of, solution=replace(of.solution, residuals=tuple(parts)))
+
+
+def test_jumps_are_no_noise_however_few() -> None:
+    about = data()
+    calm, jumping = (with_parts(fit(about), more) for more in ({}, {100: 12.0, 700: -9.0, 1500: 10.0}))
+    assert judged(about, calm, calm).verdict == "nothing-missing"
+    found = judged(about, jumping, jumping)
+    assert found.verdict == "unknown" and "with 3 sudden jumps" in found.remainder
+
+
 def test_steps_of_readings_are_named_only_where_they_matter() -> None:
     """Rounding makes step / sqrt(12) rms: it is no answer to a residual far above that, nor below what was asked."""
     about = data()

@@ -25,6 +25,9 @@ from flexdesign.estimation.model_selection.stepwise_selection import SelectionHi
 from flexdesign.estimation.uncertainty.identifiability import intervals
 from flexdesign.measurements.noise_level import allowed_excess
 
+#: This number of jumps in a residual is not random.
+FEWEST_JUMPS = 3
+
 
 def decide(
     data: DiagnosisData, task: EstimationTask, history: SelectionHistory, left: SparseModel
@@ -42,9 +45,9 @@ def decide(
     """
     every = history.levels
     adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
-    if adequate and (not history.final.effects or not data.noise.known or is_negligible(data, history.final)):
+    if adequate and (not history.final.effects or not data.noise.known or data.is_negligible(history.final)):
         return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
-    rests = np.array([unexplained_rms(data, fit) ** 2 for fit in every])
+    rests = np.array([data.unexplained_rms(fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
     refusal = reason = ""
     for named in range(len(every) - 1, 0, -1):
@@ -55,7 +58,7 @@ def decide(
             return "effects-found", fit, ""
         elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
             reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
-        elif moved := displaced(data, task, every[0], fit):
+        elif moved := [n for n in displaced(data, task, every[0], fit) if n not in _own_ends(fit)]:
             reason = f"with them the {_in_words(moved)} is more than twice or less than half what the model says"
         elif is_better_without_physics(data, task, every[0], fit):
             reason = "smooth functions, a static curve or a linear system explain as much in the place of effects"
@@ -358,26 +361,21 @@ def excess(data: DiagnosisData, fit: FittedModel) -> tuple[float, float]:
     return max(margins, key=lambda pair: pair[0] - pair[1])
 
 
-def unexplained_rms(data: DiagnosisData, fit: FittedModel) -> float:
-    """Return the rms residual of the scored runs above the noise [response]; all of it if the noise is unknown."""
-    return math.sqrt(max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0))
-
-
-def is_negligible(data: DiagnosisData, fit: FittedModel) -> bool:
-    """Return whether what is unexplained is below a stated tolerance, or below the usual one if noise is unknown."""
-    return (data.is_asked or not data.noise.known) and unexplained_rms(data, fit) <= data.tolerance
-
-
 def is_adequate(data: DiagnosisData, fit: FittedModel, smooth_model: SparseModel) -> bool:
     """Return whether the residual is noise, or below the tolerance that the user stated."""
-    if is_negligible(data, fit):
+    if data.is_negligible(fit):
         return True
     # Smooth functions that explain a part of the residual show that it is not noise, however small that part is.
     explainable = smooth_model.held_gain > 0 and smooth_model.validation_rms > data.tolerance and smooth_model.gain > 0
     if not data.noise.known:  # a white residual may be noise, whatever its size
         return fit.is_white and not explainable
     found, allowed = excess(data, fit)
-    return found <= allowed and not explainable
+    return found <= allowed and _jumps(data, fit) < FEWEST_JUMPS and not explainable
+
+
+def _jumps(data: DiagnosisData, fit: FittedModel) -> int:
+    """Count the jumps in the residual of runs; a reading in coarse steps has jumps by itself, which do not count."""
+    return fit.jumps([run.name for run in data.runs]) if data.coarse_step is None else 0
 
 
 def _describe_size(data: DiagnosisData, fit: FittedModel) -> str:
@@ -391,6 +389,8 @@ def _describe(data: DiagnosisData, fit: FittedModel, smooth_model: SparseModel) 
     share = _describe_size(data, fit)
     if data.noise.known and any(data.noise.whitening.process(run.name).order for run in data.runs):
         share += " (whitened: of each sample counts what those before it do not predict; the errors stated are raw)"
+    if (jumps := _jumps(data, fit)) >= FEWEST_JUMPS:
+        share += f", with {jumps} sudden jumps"
     if not smooth_model.terms:
         return f"{share}; no smooth function of position, velocity, voltage or time explains it"
     best = sorted(smooth_model.shares, key=lambda name: -smooth_model.shares[name])[:3]

@@ -129,6 +129,7 @@ PARTS: tuple[Part, ...] = (
     ),
     Part(f"{_PREPARATION}.dataset", "DiagnosisData.coarse_step", "counts rounding in coarse steps as noise", _none),
     Part(f"{_PREPARATION}.spectra", "line_frequencies", "tries lines as disturbances", _empty),
+    Part(f"{_SELECTION}.fitted_model", "FittedModel.jumps", "counts jumps of the residual", lambda *_: 0),
     Part(
         f"{_SELECTION}.fitted_model", "FittedModel.nuisance_dof", "discounts linear initial conditions", lambda _: 0.0
     ),

@@ -183,6 +183,14 @@ class DiagnosisData:
         """Return the rms residual of the observations that choose the model [response]."""
         return fit.rms(self.selecting, self.scales)
 
+    def unexplained_rms(self, fit: FittedModel) -> float:
+        """Return the rms residual above the noise [response]; all of it if the noise is unknown."""
+        return math.sqrt(max(self.error(fit) ** 2 - self.known_noise_rms**2, 0.0))
+
+    def is_negligible(self, fit: FittedModel) -> bool:
+        """Tell whether what is unexplained is below a stated tolerance, or below the usual one if noise is unknown."""
+        return (self.is_asked or not self.noise.known) and self.unexplained_rms(fit) <= self.tolerance
+
     def test_error(self, fit: FittedModel) -> float:
         """Return the rms residual of the observations whose errors are stated [response]."""
         return fit.rms(self.scored, self.scales)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import ndtri
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model, parameter_of
@@ -24,6 +25,9 @@ from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
 #: First factor by which thresholds are changed, up and down: smaller changes are within the reach of derivatives.
 THRESHOLD_FACTOR = 1.1
+#: A sample this number of standard deviations of its run from zero is a jump: in Gaussian noise one sample in five
+#: hundred million lies as far.
+JUMP_DEVIATIONS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +92,15 @@ class FittedModel:
         """Whether no residual of the fitted runs is correlated from one sample to the next."""
         pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
         return all(estimate_autocorrelation(part[: len(record.measured)]).is_white for record, part in pairs)
+
+    def jumps(self, runs: Collection[str]) -> int:
+        """Return the number of sudden changes in the whitened residual of some of the fitted runs."""
+        count = 0
+        for record, part in zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True):
+            if record.observation.name in runs:
+                sizes = np.abs(part[: len(record.measured)][record.present])
+                count += int((sizes > JUMP_DEVIATIONS * np.median(sizes) / ndtri(0.75)).sum())
+        return count
 
     @property
     def nuisance_dof(self) -> float:
