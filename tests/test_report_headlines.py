@@ -209,7 +209,9 @@ def test_letters_of_a_wide_drawing_are_legible_on_the_page(width: float) -> None
 
 def test_a_table_of_many_columns_is_set_smaller_and_its_heads_wrap() -> None:
     def page(columns: int) -> str:
-        return render.to_html(Document("A", [], [validation_report.Section("T", (), [Table(["a"] * columns, [])])]))
+        return render.to_html(
+            Document("A", [], [validation_report.Section("T", (), [Table(["a"] * columns, [["1"] * columns])])])
+        )
 
     assert 'class="wide"' in page(9) and 'class="wide"' not in page(4)
     head = re.search(r"thead th \{([^}]*)\}", page(4))
