@@ -410,8 +410,8 @@ def test_an_effect_that_is_not_needed_is_said_to_be(tmp_path: Path) -> None:
             "It is not determined: the fit puts second_mode.share at the end of what is plausible.",
         ),
         (
-            "creep.share and creep.time is not determined: its 95 % interval includes the null",
-            "It is not determined: the 95 % interval of creep.share and creep.time includes the null.",
+            "creep.share and creep.time is not determined: its null is less than 1.96 standard errors away",
+            "It is not determined: the null of creep.share and creep.time is less than 1.96 standard errors away.",
         ),
     ],
 )

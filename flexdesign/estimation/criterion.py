@@ -99,7 +99,7 @@ class Evidence:
         if self.at_bound:  # other parameters may leave their limits as further effects are added
             return f"{' and '.join(self.at_bound)} at the end of what is plausible"
         if self.open:
-            return f"{' and '.join(self.open)} is not determined: its 95 % interval includes the null"
+            return f"{' and '.join(self.open)} is not determined: its null is less than 1.96 standard errors away"
         return ""
 
 

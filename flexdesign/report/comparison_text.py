@@ -215,12 +215,12 @@ def not_added(subject: str, reason: str) -> str:
     'Creep is not needed: it explains no more than chance gives.'
     >>> not_added("It", "second_mode.share at the end of what is plausible")
     'It is not determined: the fit puts second_mode.share at the end of what is plausible.'
-    >>> not_added("It", "creep.share is not determined: its 95 % interval includes the null")
-    'It is not determined: the 95 % interval of creep.share includes the null.'
+    >>> not_added("It", "creep.share is not determined: its null is less than 1.96 standard errors away")
+    'It is not determined: the null of creep.share is less than 1.96 standard errors away.'
     """
-    numbers, is_open, _ = reason.partition(" is not determined: its 95 % interval includes the null")
+    numbers, is_open, _ = reason.partition(" is not determined: its null is less than 1.96 standard errors away")
     if is_open:
-        return f"{subject} is not determined: the 95 % interval of {numbers} includes the null."
+        return f"{subject} is not determined: the null of {numbers} is less than 1.96 standard errors away."
     if reason.endswith("at the end of what is plausible"):
         return f"{subject} is not determined: the fit puts {reason}."
     return f"{subject} is not needed: it {'explains ' if reason.startswith('no more') else ''}{reason}."

@@ -25,7 +25,7 @@ ENOUGH = Evidence(
 
 def test_effects_are_refused_for_the_first_check_that_fails() -> None:
     checks: list[tuple[dict[str, Any], str]] = [
-        ({"open": ("a",)}, "a is not determined: its 95 % interval includes the null"),
+        ({"open": ("a",)}, "a is not determined: its null is less than 1.96 standard errors away"),
         ({"at_bound": ("a", "b")}, "a and b at the end of what is plausible"),
         ({"own_change": 0.5e-9}, "itself moves the prediction by less than the tolerance"),
         ({"change": 0.5e-9}, "moves the prediction by less than the tolerance"),

@@ -138,7 +138,7 @@ def test_a_strength_that_another_number_can_take_the_place_of_is_refused() -> No
     before = calibrated_stand(about)
     refused, accepted = (forward(about, before, effects(d=entangled(apart))) for apart in (0.01, 3.0))
     assert refused.chosen is None
-    assert reasons(refused)["d",] == "d is not determined: its 95 % interval includes the null"
+    assert reasons(refused)["d",] == "d is not determined: its null is less than 1.96 standard errors away"
     assert accepted.chosen is not None and accepted.chosen.names == ("d",)
 
 
