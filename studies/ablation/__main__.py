@@ -24,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--sample", type=int, default=1, metavar="K", help="cases of each effect [default: %(default)s]"
     )
+    parser.add_argument("--cases", type=int, metavar="N", help="only the first N, of all kinds in turn")
     parser.add_argument("--most", type=int, default=8, metavar="N", help="cases for each part [default: %(default)s]")
     parser.add_argument("--only", metavar="PART", help="one part, e.g. escape")
     parser.add_argument(
@@ -34,8 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     seed = secrets.randbelow(SEEDS) if given.seed is None else given.seed
     try:
-        if seed < 0 or given.sample < 1 or given.most < 1:
-            raise ValueError("a seed is zero or more; a sample and a number of cases are one or more")
+        if seed < 0 or min(given.sample, given.most, 1 if given.cases is None else given.cases) < 1:
+            raise ValueError("a seed is zero or more; a sample and numbers of cases are one or more")
         chosen = parts.chosen(given.only)
         there = [] if given.recordings is None else recordings.find(given.recordings)
     except ValueError as error:
@@ -47,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         lines = recordings.write(answers, chosen, out)
     else:
         settings, out = trial.settings().sample(given.sample), trial.folder_of(given.out, seed)
-        numbers = _mixed([*settings.numbers(), *settings.imperfect_numbers()])
+        numbers = _mixed([*settings.numbers(), *settings.imperfect_numbers()])[: given.cases]
         found = ablation.run(numbers, chosen, given.most, out, given.jobs, seed, _say)
         lines = report.write(found, chosen, out, seed)
     for line in lines:
