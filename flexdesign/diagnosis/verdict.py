@@ -58,7 +58,7 @@ def decide(
             return "effects-found", fit, ""
         elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
             reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
-        elif moved := [n for n in displaced(data, task, every[0], fit) if n not in _own_ends(fit)]:
+        elif moved := displaced(data, task, every[0], fit):
             reason = f"with them the {_in_words(moved)} is more than twice or less than half what the model says"
         elif is_better_without_physics(data, task, every[0], fit):
             reason = "smooth functions, a static curve or a linear system explain as much in the place of effects"

@@ -40,6 +40,8 @@ SHARE_OF_RANGE = 0.5
 #: An effect is named despite a residual if it explains this multiple of it, in squares: two thirds of both together.
 #: Models without physics explain more than effects if these leave more than this multiple of what they leave.
 LARGE = 2.0
+#: Reason why an effect is not added, after the names of its strengths.
+NOT_DETERMINED = "is not determined: its null is less than 1.96 standard errors away"
 #: Noise is overstated if the residual is smaller by this factor, which chance does not reach with ten samples.
 OVERSTATED = 2.0
 
@@ -99,7 +101,7 @@ class Evidence:
         if self.at_bound:  # other parameters may leave their limits as further effects are added
             return f"{' and '.join(self.at_bound)} at the end of what is plausible"
         if self.open:
-            return f"{' and '.join(self.open)} is not determined: its null is less than 1.96 standard errors away"
+            return f"{' and '.join(self.open)} {NOT_DETERMINED}"
         return ""
 
 

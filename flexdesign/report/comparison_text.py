@@ -12,6 +12,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, Part
 from flexdesign.dynamics.stage_model import ResponseUnits
+from flexdesign.estimation.criterion import NOT_DETERMINED
 
 #: A breakdown with less contrast than this says that all parts are alike.
 UNIFORM = 0.1
@@ -218,7 +219,7 @@ def not_added(subject: str, reason: str) -> str:
     >>> not_added("It", "creep.share is not determined: its null is less than 1.96 standard errors away")
     'It is not determined: the null of creep.share is less than 1.96 standard errors away.'
     """
-    numbers, is_open, _ = reason.partition(" is not determined: its null is less than 1.96 standard errors away")
+    numbers, is_open, _ = reason.partition(f" {NOT_DETERMINED}")
     if is_open:
         return f"{subject} is not determined: the null of {numbers} is less than 1.96 standard errors away."
     if reason.endswith("at the end of what is plausible"):

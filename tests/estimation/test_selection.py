@@ -498,7 +498,7 @@ def test_a_number_of_the_model_that_is_an_effect_goes_where_another_takes_its_pl
     trials = [compare(about, before, made, made.names, 20.0) for made in (fit, alone)]
     assert not any(trial.reason for trial in trials)
     assert confusable(about, fit, [Step(trials[0], tuple(trials))]) == ()
-    made = stepwise_selection._in_place(about, fit, "b", other, trials[1])
+    made = fitted_model.fit_in_place(about, fit, "b", other, trials[1].fit.model)
     assert made is not None and made.cost == pytest.approx(alone.cost, rel=1e-4) and made.cost > fit.cost + 100
 
 

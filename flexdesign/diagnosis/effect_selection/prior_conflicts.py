@@ -166,7 +166,7 @@ def displaced(data: DiagnosisData, task: EstimationTask, calibration: FittedMode
     """Return which of gain and natural frequency the effects of a fit moved far beyond their prior, and relevantly.
 
     That is by more than `CALIBRATION_LIMIT`, which calibration alone did not need: effects and parameters then balance
-    each other.
+    each other. At the end of its plausible range a parameter is judged as such.
     """
 
     def is_far(of: FittedModel, name: str) -> bool:
@@ -175,7 +175,7 @@ def displaced(data: DiagnosisData, task: EstimationTask, calibration: FittedMode
         return not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT
 
     beyond = {conflict.number for conflict in conflicts(data, fit)} & {"gain", "natural_frequency"}
-    far = [name for name in sorted(beyond) if is_far(fit, name) and not is_far(calibration, name)]
+    far = [name for name in sorted(beyond - {*fit.ends()}) if is_far(fit, name) and not is_far(calibration, name)]
     return [name for name in far if is_relevant(task, fit, {name: data.known[name][0]})]
 
 

@@ -118,7 +118,7 @@ class DiagnosisData:
     @property
     def values(self) -> int:
         """Number of values in time; the parts of one recording count once."""
-        return sum(len(run.time) for run in {run.name.partition(":")[0]: run for run in self.runs}.values())
+        return sum(len(run.time) for run in {run.record: run for run in self.runs}.values())
 
     @property
     def is_very_long(self) -> bool:

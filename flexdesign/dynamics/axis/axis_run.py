@@ -145,7 +145,7 @@ def _unusable(command: Array, voltage: Array, amplifier: float) -> str:
 
 def doubts(runs: Sequence[Run]) -> list[str]:
     """Return what is doubtful about the units of runs as axes see them, a sentence each."""
-    named = [(run.name.partition(":")[0], run) for run in runs]  # the halves of one record say the same
+    named = [(run.record, run) for run in runs]  # the halves of one record say the same
     remarks = [f"Take care: {name}: {doubt}" for name, run in named if isinstance(run, AxisRun) for doubt in run.doubts]
     return list(dict.fromkeys(remarks))
 

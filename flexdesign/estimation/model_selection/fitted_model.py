@@ -289,6 +289,15 @@ def with_other_effects(task: EstimationTask, fit: FittedModel, effects: Sequence
     return model
 
 
+def fit_in_place(
+    task: EstimationTask, fit: FittedModel, name: str, other: Candidate, source: Model
+) -> FittedModel | None:
+    """Return the fit with another effect in the place of one, from the values that the other has in a model."""
+    effects = tuple(other if effect.name == name else effect for effect in fit.effects)
+    task.progress(f"fitting with {other.name} in the place of {name}")
+    return fit_model(task, with_other_effects(task, fit, effects, source), effects)
+
+
 def _renumber(fit: FittedModel, effects: tuple[Candidate, ...]) -> tuple[tuple[Candidate, ...], dict[str, float]]:
     """Return the effects, repeated ones under their first names, and the values that these take over."""
     dropped = {effect.name: effect for effect in fit.effects if effect not in effects}

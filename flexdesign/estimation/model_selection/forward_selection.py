@@ -22,9 +22,9 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
+    fit_in_place,
     fit_model,
     solve_case,
-    with_other_effects,
 )
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
@@ -249,9 +249,7 @@ def _replaced(
         if own not in singles or other in best.names:
             continue
         (candidate,) = (effect for effect in singles[other].fit.effects if effect.name == other)
-        effects = tuple(candidate if effect.name == own else effect for effect in best.fit.effects)
-        task.progress(f"fitting with {other} in the place of {own}")
-        made = fit_model(task, with_other_effects(task, best.fit, effects, singles[other].fit.model), effects)
+        made = fit_in_place(task, best.fit, own, candidate, singles[other].fit.model)
         if made is not None:
             names = tuple(other if name == own else name for name in best.names)
             found.append(_escape(task, fit, compare(task, fit, made, names, score)))

@@ -18,10 +18,10 @@ from flexdesign.estimation.least_squares.residual_function import null_of
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
+    fit_in_place,
     fit_model,
     refit,
     with_effects,
-    with_other_effects,
 )
 from flexdesign.estimation.model_selection.forward_selection import forward
 from flexdesign.estimation.model_selection.model_comparison import (
@@ -175,7 +175,7 @@ def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) ->
             instead = [
                 other.name
                 for other, trial in _alternatives(step, name, fit)
-                if (made := _in_place(task, fit, name, other, trial)) and is_indistinguishable(fit, made)
+                if (made := fit_in_place(task, fit, name, other, trial.fit.model)) and is_indistinguishable(fit, made)
             ]
             if instead:
                 groups.append((name, *instead))
@@ -191,13 +191,6 @@ def _alternatives(step: Step, name: str, fit: FittedModel) -> list[tuple[Candida
         for effect in trial.fit.effects
         if {*trial.names} == {*partners, effect.name} and effect.name not in fit.names
     ]
-
-
-def _in_place(task: EstimationTask, fit: FittedModel, name: str, other: Candidate, trial: Trial) -> FittedModel | None:
-    """Return the fit with another effect in place of one, from the values that the other had in a trial."""
-    effects = tuple(other if effect.name == name else effect for effect in fit.effects)
-    task.progress(f"fitting with {other.name} in the place of {name}")
-    return fit_model(task, with_other_effects(task, fit, effects, trial.fit.model), effects)
 
 
 def restart_without(task: EstimationTask, fit: FittedModel, trials: Sequence[Trial]) -> FittedModel:
