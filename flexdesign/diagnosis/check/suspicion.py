@@ -112,7 +112,7 @@ def _of_response(run: Run, response: str) -> list[Suspicion]:
     related = spectra.coherence > spectra.exceeded_by_chance(LEVEL)
     size = np.where(related, np.abs(spectra.across) / np.where(related, spectra.command, 1.0), np.nan)
     if (peak := _highest_peak(spectra.frequencies, size)) and FEWEST_PER_PERIOD * peak[0] * run.period > 1:
-        what = f"{response} rings at about {units.hertz(peak[0])} and is sampled at {units.hertz(1 / run.period, 5)}"
+        what = f"{response} rings at about {units.hertz(peak[0], 2)} and is sampled at {units.hertz(1 / run.period, 5)}"
         found.append(Suspicion(run.name, what, f"sample {FEWEST_PER_PERIOD} times in a period or more"))
     timing = timing_of(run, response)
     if timing == "early":
