@@ -103,7 +103,8 @@ def test_slow_samples_are_simulated_in_few_steps_where_few_do() -> None:
     model, task = case_of(StageModel({"x": axis}), replace(about, axis=axis, runs=slow), map, lambda _: None)
     for name in ("creep", "electrostriction"):
         coarse, fine = (
-            way(next(c for c in candidates(model) if c.name == name).add(model)) for way in (task.coarse, task.fine)
+            way(next(c for c in candidates(model) if c.name == name).add(model))
+            for way in (task.coarse, lambda of: task.fine(of, 1.0))
         )
         assert coarse.steps_for(slow[0]) <= 8
         assert coarse.predict(slow[0]) == pytest.approx(fine.predict(slow[0]), abs=1e-3 * NOISE)

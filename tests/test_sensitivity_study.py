@@ -105,7 +105,7 @@ def test_indistinguishable_decides_whether_two_answers_are_alike() -> None:
 
 def test_constants_of_the_package_change_where_they_were_copied_and_nowhere_else() -> None:
     with override_constant(BY_KEY["criterion.LEVEL"], 0.5), override_constant(BY_KEY["criterion.SHARE"], 0.25):
-        assert forward_selection.LEVEL == 0.5 and score_test.SIMULATED_LEVEL == 0.01
+        assert forward_selection.LEVEL == 0.5 and score_test.LEVEL == 0.5
         assert criterion.SHARE == forward_selection.SHARE == 0.25 and intervals.ACCURACY == 0.05
     with override_constant(BY_KEY["criterion.LARGE"], 7.0):
         assert prior_conflicts.LARGE == verdict.LARGE == 7.0

@@ -20,6 +20,7 @@ import numpy as np
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.effect_selection.candidates import catalogue
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
+    PLAUSIBLE_CHANGE,
     PRIOR_BOUND,
     case_of,
     evaluate_design,
@@ -67,12 +68,8 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest delay that is tried before the first fit, in periods of the mode.
 LARGEST_DELAY = 2.0
-#: Largest relative change of the natural frequency that is tried, and the spacing: farther away than the width of the
-#: resonance, derivatives mislead. A payload or a loose part may change the frequency by this much.
-LARGEST_DETUNING, DETUNING_SPACING = 0.24, 0.03
-#: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
-#: a delay and two modes act in bands of their own.
-MOST_EFFECTS, MOST_EFFECTS_OF_LINES = 3, 5
+#: Largest number of effects that are added: a driver, a delay and two modes act in bands of their own.
+MOST_EFFECTS = 4
 #: Remarks if the intersample behaviour is not stated, by the behaviour that fits better than straight lines.
 INTERPOLATION_TEXTS = {
     "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
@@ -209,11 +206,10 @@ def search(
     calibrated_task = calibrate_task(data, task, dynamics)
     task, calibration = calibrated_task.task, calibrated_task.calibrated
     candidates_ = effects(calibration)
-    most = MOST_EFFECTS if data.runs else MOST_EFFECTS_OF_LINES
     selecting = partial(
         select,
         candidates=candidates_,
-        most=most,
+        most=MOST_EFFECTS,
         expansion_points=calibrated_task.expansion_points,
         vary_step=partial(vary_step, task, candidates=candidates_),
         vary=partial(vary_by_run, task),
@@ -226,7 +222,7 @@ def search(
             task, calibration = replace(task, calibrated_excess=restarted.excess), restarted
             steps, fits = selecting(task, calibration)
     last = fits[-1] if fits else calibration
-    if not data.runs and (step := add_together(task, last, candidates_, most)) and step.chosen:
+    if not data.runs and (step := add_together(task, last, candidates_, MOST_EFFECTS)) and step.chosen:
         steps, fits = selecting(task, calibration, confirmed=([*steps, step], [*fits, step.chosen.fit]))
     return task, SelectionHistory(
         calibrated_task.nominal,
@@ -370,7 +366,10 @@ def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
 
 
 def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
-    """Return the model with the natural frequency that fits best on a grid, if that is more than one step away."""
+    """Return the model with the natural frequency that fits best on a grid, if that is more than one step away.
+
+    Farther away than the width of the resonance, derivatives mislead. A payload or a loose part changes the frequency.
+    """
     if "natural_frequency" not in task.free:  # the runs do not show it
         return dynamics
     nominal = dynamics.first.natural_frequency
@@ -378,10 +377,9 @@ def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics
     def tuned(factor: float) -> AxisDynamics:
         return dynamics.replace({"natural_frequency": factor * nominal})
 
-    steps = round(LARGEST_DETUNING / DETUNING_SPACING)
-    factors = [1 + DETUNING_SPACING * step for step in range(-steps, steps + 1)]
-    best = min(factors, key=lambda factor: _nuisance_cost(task, tuned(factor)))
-    return tuned(best) if abs(best - 1) > 1.5 * DETUNING_SPACING else dynamics
+    factors, spacing = np.linspace(1 - PLAUSIBLE_CHANGE, 1 + PLAUSIBLE_CHANGE, 21, retstep=True)
+    best = min(factors.tolist(), key=lambda factor: _nuisance_cost(task, tuned(factor)))
+    return tuned(best) if abs(best - 1) > 1.5 * spacing else dynamics
 
 
 def _nuisance_cost(task: EstimationTask, model: AxisDynamics) -> float:

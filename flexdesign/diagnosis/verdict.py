@@ -16,7 +16,7 @@ from flexdesign.diagnosis.models_without_physics import is_better_without_physic
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value, Verdict
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import LARGE, OVERSTATED, is_worse
+from flexdesign.estimation.criterion import LARGE, is_worse
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, is_end_relevant, relevant_ends
@@ -176,7 +176,7 @@ def _confidence(
             "how much of the residual is noise"
         )
     is_kept = data.observed("test") or data.observed("validate")
-    if data.noise.known and is_kept and OVERSTATED * data.test_error(calibration) < data.noise_rms:
+    if data.noise.known and is_kept and LARGE * data.test_error(calibration) < data.noise_rms:
         remarks.append(
             "the residual is far below the noise, which is overstated: the stretches or repeats that it was read from "
             "hold motion, or the stated one is too large; smaller effects are not seen"

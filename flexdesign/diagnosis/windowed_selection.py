@@ -111,7 +111,7 @@ def _step(
     undetermined = find_undetermined(task, begun)
     task = with_calibrated_conditions(replace(task, free=tuple(n for n in whole.free if n not in undetermined)), begun)
     # The parameters keep the values that fit all samples: windows about an error of the model would lead them astray.
-    own = evaluate_design(task, task.fine(begun), fit.effects)
+    own = evaluate_design(task, task.fine(begun, 1.0), fit.effects)
     expansion_points = (evaluate_design(with_calibrated_conditions(task, dynamics), dynamics),) if is_gross else ()
     return forward(task, own, candidates, expansion_points)
 
@@ -125,7 +125,7 @@ def confirm(task: EstimationTask, fit: FittedModel, chosen: Trial) -> Trial | No
     names = tuple(effect.name for effect in added)
     task.progress(f"fitting with {' and '.join((*fit.names, *names))}, the whole runs")
     model = with_values(with_effects(fit.model, added), chosen.fit.model)
-    extended = fit_model(task, task.fine(model), (*fit.effects, *added))
+    extended = fit_model(task, task.fine(model, 1.0), (*fit.effects, *added))
     return None if extended is None else compare(task, fit, extended, names, chosen.score)
 
 

@@ -37,13 +37,14 @@ CONFIDENCE = 0.95
 HALF_WIDTH = math.sqrt(chdtri(1, 1 - CONFIDENCE))
 #: A parameter is undetermined if its 95 % interval is wider than this share of the plausible range.
 SHARE_OF_RANGE = 0.5
-#: An effect is named despite a residual if it explains this multiple of it, in squares: two thirds of both together.
-#: Models without physics explain more than effects if these leave more than this multiple of what they leave.
+#: What is large. An effect is named despite a residual if it explains this multiple of it, in squares: two thirds of
+#: both together. Models without physics explain more than effects if these leave more than this multiple of what they
+#: leave. Sensors and amplifiers are out of calibration by percents: a gain beyond this factor, up or down, is a wrong
+#: unit, a wrong channel or physics that the model lacks. Noise is overstated if the residual is smaller by this factor,
+#: which chance does not reach with ten samples. Scores are linear estimates, and may be wrong by this factor.
 LARGE = 2.0
 #: Reason why an effect is not added, after the names of its strengths.
 NOT_DETERMINED = "is not determined: its null is less than 1.96 standard errors away"
-#: Noise is overstated if the residual is smaller by this factor, which chance does not reach with ten samples.
-OVERSTATED = 2.0
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,9 @@ def _false(*_: object, **__: object) -> bool:
 
 PARTS: tuple[Part, ...] = (
     Part(f"{_SELECTION}.fitted_model", "escape", "restarts fits that may be in a local minimum", _second),
-    Part(f"{_SELECTION}.estimation_task", "search_initial_states", "initial states from a grid", lambda t, d, m: m),
+    Part(
+        f"{_SELECTION}.estimation_task", "search_initial_states", "fits initial states from a grid", lambda t, d, m: m
+    ),
     Part(f"{_SELECTION}.estimation_task", "grid_initial_states", "tries initial states on a grid", _second),
     Part(
         f"{_ESTIMATION}.least_squares.levenberg_marquardt",

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from flexdesign.core.model import Model
+from flexdesign.estimation.criterion import SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Effort
 from flexdesign.estimation.model_selection.estimation_task import (
-    OTHER_MINIMUM,
     EstimationTask,
     fit_initial_states,
     grid_initial_states,
@@ -118,7 +118,7 @@ def test_without_a_fit_the_best_point_of_the_grid_is_taken() -> None:
     assert grid_initial_states(task.identify, there) is there  # no point is better
 
 
-@pytest.mark.parametrize(("share", "moves"), [(OTHER_MINIMUM + 0.005, False), (OTHER_MINIMUM - 0.005, True)])
+@pytest.mark.parametrize(("share", "moves"), [(1 - SHARE + 0.005, False), (1 - SHARE - 0.005, True)])
 def test_a_run_moves_only_where_that_is_much_better(share: float, moves: bool) -> None:
     """At the point of the grid its sum of squares is this share of what it is where the run begins now.
 

@@ -13,15 +13,14 @@ import pytest
 from flexdesign.core.model import parameter_of
 from flexdesign.core.parallel_map import shared_pool
 from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_design
-from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
+from flexdesign.estimation.criterion import INDISTINGUISHABLE, LARGE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.model_selection import fitted_model, forward_selection, stepwise_selection
+from flexdesign.estimation.model_selection import fitted_model, stepwise_selection
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.forward_selection import (
     FINALISTS,
     GROSS_MISFIT,
-    ROUGH_FITS,
     fit_roughly,
     forward,
     screen,
@@ -236,7 +235,7 @@ def test_a_candidate_whose_score_understates_it_is_found() -> None:
     # Known to the noise over the root of the sum of squares of its derivative, which is 0.0007; four times that.
     assert values["middle"] == pytest.approx(BELL["middle"], abs=0.003)
     assert {*told(said, "trying")} >= {candidate.name for candidate in every}
-    assert len(told(said, "fitting roughly with")) == ROUGH_FITS + FINALISTS
+    assert len(told(said, "fitting roughly with")) == 2 * FINALISTS + FINALISTS
     assert len(step.trials) == FINALISTS
     # In the order of the catalogue, or another, the same is found.
     for others in (every[::-1], [*every[6:], *every[:6]]):
@@ -263,7 +262,7 @@ def test_what_promises_too_little_is_not_fitted() -> None:
     about = dataclasses.replace(task({"d": 0.3}), progress=said.append)
     before = calibrated_stand(about)
     screening = Screening(before.solution, effects())
-    enough = forward_selection.PROMISING_SHARE * max(screening.critical_value(LEVEL), SHARE * before.excess)
+    enough = max(screening.critical_value(LEVEL), SHARE * before.excess) / LARGE
     promising = [
         directions[0].candidate.name for directions in screening.best() if directions[0].predicted_reduction > enough
     ]

@@ -15,7 +15,7 @@ from flexdesign import effects
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Effect, Model, Observation, Parameter, Resonance, parameter_of
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
-from flexdesign.diagnosis.preparation.spectra import line_frequencies, mode_frequencies
+from flexdesign.diagnosis.preparation.spectra import FREQUENCIES_TRIED, line_frequencies, mode_frequencies
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, frequency_scale, of_catalogue, power_in
@@ -33,8 +33,6 @@ SHOWN_BY_MASS = "payload_mass"
 INERTIAL_EFFECTS = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
 NOISE_EFFECTS = ("quantisation",)
-#: In the band of frequency responses modes, lags and delays are tried at this number of frequencies.
-FREQUENCIES_IN_BAND = 10
 
 
 def _line(frequency: str, model: Model, observation: Observation) -> Array | None:
@@ -194,7 +192,7 @@ def _values_in_band(parameter: Parameter, band: tuple[float, float]) -> tuple[fl
     >>> [round(value, 6) for value in _values_in_band(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))][-2:]
     [0.000774, 0.000398]
     """
-    frequencies = np.geomspace(*band, FREQUENCIES_IN_BAND)
+    frequencies = np.geomspace(*band, FREQUENCIES_TRIED)
     if parameter.si == "Hz":
         return tuple(frequencies.tolist())
     if parameter.name in (DELAY, SENSOR_DELAY):

@@ -43,15 +43,15 @@ from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import Whitening
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: Largest error of a prediction, as a share of the noise, and of the stroke. The rms error is a tenth of the largest or
-#: so: chi^2 of ten thousand samples is then off by one.
-PREDICTION_ERROR, COARSEST_TOLERANCE = 0.1, 1e-4
+#: Largest error of a prediction, as a share of the noise, or of the residual if that is larger. The rms error is a
+#: tenth of the largest or so: chi^2 of ten thousand samples is then off by one.
+PREDICTION_ERROR = 0.1
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
 #: for [s], or of a twentieth of a period of a slow mode.
 MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
-#: Standard deviations of the priors: of a trigger delay in samples, of a reversal voltage as a share of the largest
-#: command, and of the amplitude of a mode as a share of the stroke.
-TRIGGER_DEVIATION, REVERSAL_DEVIATION, RINGING_DEVIATION = 0.3, 0.4, 0.1
+#: Standard deviations of the priors: of a reversal voltage as a share of the largest command, and of the amplitude of a
+#: mode as a share of the stroke.
+REVERSAL_DEVIATION, RINGING_DEVIATION = 0.4, 0.1
 #: Largest trigger delay of a run, in standard deviations of its prior, in the model as designed and if there is only
 #: one run: otherwise the trigger delay would stand for a lag that the model lacks. Several runs may share a delay.
 PRIOR_BOUND = 4.0
@@ -82,14 +82,15 @@ def case_of(
     step = max(SHORTEST_STEP, 1 / (STEPS_PER_PERIOD * data.axis.natural_frequency))
     slow = math.ceil(max(data.periods) / step)
     is_fast = slow <= 2 * STEPS_OF_SCREENING
-    screening, fine = STEPS_OF_SCREENING if is_fast else slow, max(MOST_STEPS, 2 * slow)
+    screening, most = STEPS_OF_SCREENING if is_fast else slow, max(MOST_STEPS, 2 * slow)
+    tolerance = max(PREDICTION_ERROR * data.noise_rms / stroke, TOLERANCE)
     dynamics = AxisDynamics(
         data.name,
         _from_rest(data.axis),
         max_command,
-        tolerance=float(np.clip(PREDICTION_ERROR * data.noise_rms / stroke, TOLERANCE, COARSEST_TOLERANCE)),
+        tolerance=tolerance,
         delay=model.controller.delay,
-        finest=fine,
+        finest=most,
         margin=1,
         apart=tuple(run.name for run in data.runs),
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
@@ -98,6 +99,9 @@ def case_of(
     # Small sines do not show how a loop bends.
     free = LINEAR_PARAMETERS + (HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, initial_conditions(data.axis, stroke)
+
+    def fine(of: Model, scale: float) -> Model:
+        return cast(AxisDynamics, of).with_steps(most, tolerance=tolerance * math.sqrt(max(scale, 1.0)))
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
         own = {p.name: prior_of_initial_condition(p, data.runs, max_command, of) for p in of.parameters() if p.run}
@@ -109,11 +113,13 @@ def case_of(
         test=Dataset(test_runs, noise, shapes) if (test_runs := data.observed("test")) else None,
         free=free,
         known=known,
-        bare=lambda of: replace(dynamics, by_run=cast(AxisDynamics, of).by_run),
+        bare=lambda of: replace(
+            dynamics, by_run=cast(AxisDynamics, of).by_run, tolerance=cast(AxisDynamics, of).tolerance
+        ),
         tolerance=data.tolerance,
         # Long sampling periods mostly need few steps: their number is found, up to the largest that may be needed.
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
-        fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
+        fine=fine,
         each=each,
         progress=progress,
         noise_rms=data.known_noise_rms,
@@ -201,7 +207,8 @@ def prior_of_initial_condition(
     if number in (by_run := cast(AxisDynamics, model).by_run):
         return 0.0, by_run[number]
     if number == TRIGGER:
-        return 0.0, TRIGGER_DEVIATION * next(each.period for each in runs if each.name == run)
+        # A record that is triggered at any moment of a sample: a uniform distribution.
+        return 0.0, next(each.period for each in runs if each.name == run) / math.sqrt(12)
     if number in REVERSALS:
         return REVERSALS[number] * max_command, REVERSAL_DEVIATION * max_command
     return None
@@ -260,7 +267,8 @@ def initial_conditions(axis: AxisModel, stroke: float) -> InitialConditions:
 
 def modes(axis: AxisModel) -> tuple[tuple[float, float], ...]:
     """Return frequency [Hz] and damping ratio of the modes of an axis with its effects, linear forces among them."""
-    swinging = [(math.sqrt(part.a0), part.a1) for part in parts(chain("", axis)) if part.a0 > 0]
+    # A mode that grows is none that rings.
+    swinging = [(math.sqrt(part.a0), part.a1) for part in parts(chain("", axis)) if part.a0 > 0 <= part.a1]
     return tuple((w / (2 * math.pi), decay / (2 * w)) for w, decay in swinging)
 
 

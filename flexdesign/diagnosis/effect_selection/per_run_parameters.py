@@ -3,8 +3,9 @@
 At first the strength of an effect has one value for all runs. It may instead have a mean and a deviation in each run (a
 random effect, Laird and Ware 1982). The checks are those of effects, see `estimation.criterion`. The deviations must
 lower chi^2 of the fitted runs by more than chance does with this number of parameters, times the discrepancy. Each
-validation run has its own deviation, as it has its own initial conditions; the deviations must remove the share `SHARE`
-of the unexplained mean square, and more than the tolerance.
+validation run has its own deviation, as it has its own initial conditions; the deviations must remove a share of the
+unexplained mean square, and more than the tolerance. For an effect that is added with them the share is `SHARE`. For
+one in the model it is the larger `large_share`, as the strength of an approximation differs from run to run, too.
 
 A linear drift of each run can imitate anything slow. The deviation that is found in one half of a validation run must
 therefore predict the other half (cross-validation, Stone 1974).
@@ -26,7 +27,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Disturbance, Model, parameter_of
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, explained_share
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, explained_share, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
@@ -72,7 +73,8 @@ def vary_by_run(task: EstimationTask, fit: FittedModel) -> FittedModel:
     for effect in tested if (runs := _runs(task, fit)) else ():
         common = parameter_of(fit.model, effect.strength).start or 0.0
         gain, own = _score(fit, fit.solution.columns()[effect.strength], runs, common)
-        fit = _varied(task, fit, fit.model, fit.effects, effect.strength, gain, own, LEVEL / len(tested)) or fit
+        level, share = LEVEL / len(tested), large_share()
+        fit = _varied(task, fit, fit.model, fit.effects, effect.strength, gain, own, level, share) or fit
     return fit
 
 
@@ -145,7 +147,7 @@ def _with(
         return None
     columns = [-dataset.whitened(record, change) / values[candidate.strength] for record, change in pairs]
     gain, own = _score(fit, columns, runs, 0.0)
-    return _varied(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, gain, own, level)
+    return _varied(task, fit, task.fine(model, 1.0), (*fit.effects, candidate), candidate.strength, gain, own, level)
 
 
 def _varied(
@@ -157,12 +159,13 @@ def _varied(
     gain: float,
     own: Mapping[str, float],
     level: float,
+    share: float = SHARE,
 ) -> FittedModel | None:
     """Return the fit in which a strength differs from run to run, by about its own size (a weak prior).
 
     None if fitted and validation runs do not call for the values `own` of each run, which promise a gain.
     """
-    if gain < max(float(chdtri(len(own), level)), SHARE * before.excess):
+    if gain < max(float(chdtri(len(own), level)), share * before.excess):
         return None
     task.progress(f"asking whether {name} differs from run to run")
     values = np.array(list(own.values()))
@@ -184,7 +187,7 @@ def _varied(
     )
     is_needed = (
         before.fitted_chi2 - after.fitted_chi2 > fitted
-        and explained_share(errors[0], errors[1], task.noise_rms) > SHARE
+        and explained_share(errors[0], errors[1], task.noise_rms) > share
         and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
         and _predicted_gain(task, after, name) > validated
     )

@@ -32,10 +32,6 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import is_relevant
 
-#: Sensors and amplifiers are out of calibration by percents. A gain beyond this factor, up or down, is a wrong unit, a
-#: wrong channel or physics that the model lacks.
-CALIBRATION_LIMIT = 2.0
-
 
 @dataclass(frozen=True, eq=False)
 class Conflict:
@@ -82,7 +78,7 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         if max(low - middle, middle - high) <= significant_deviation() * sigma:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
-        if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
+        if name == "gain" and not 1 / LARGE <= ratio <= LARGE:
             found.append(Conflict(_structural(ratio), number=name))
             continue
         x, half = float(fit.solution.x[j]), fit.half_width(j)
@@ -165,14 +161,14 @@ def shown(
 def displaced(data: DiagnosisData, task: EstimationTask, calibration: FittedModel, fit: FittedModel) -> list[str]:
     """Return which of gain and natural frequency the effects of a fit moved far beyond their prior, and relevantly.
 
-    That is by more than `CALIBRATION_LIMIT`, which calibration alone did not need: effects and parameters then balance
-    each other. At the end of its plausible range a parameter is judged as such.
+    That is by more than a factor of `criterion.LARGE`, which calibration alone did not need: effects and parameters
+    then balance each other. At the end of its plausible range a parameter is judged as such.
     """
 
     def is_far(of: FittedModel, name: str) -> bool:
         where = of.solution.problem.where
         ratio = where.values(of.solution.x).get(name, data.known[name][0]) / data.known[name][0]
-        return not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT
+        return not 1 / LARGE <= ratio <= LARGE
 
     beyond = {conflict.number for conflict in conflicts(data, fit)} & {"gain", "natural_frequency"}
     far = [name for name in sorted(beyond - {*fit.ends()}) if is_far(fit, name) and not is_far(calibration, name)]

@@ -31,8 +31,6 @@ OF_NOISE, OF_STROKE = 0.3, 5e-4
 VERY_LONG, SAMPLES_SEARCHED = 100_000, 12_000
 #: Readings come in whole steps if each level is within this share of a step of a grid.
 GRID_TOLERANCE = 0.05
-#: How often rounding is drawn, with another noise and another grid each time.
-NOISE_DRAWS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,13 +368,10 @@ def rounding_noise(motion: Array, noise: float, step: float) -> Process:
     noise, step
         Rms noise of the readings, most of which is rounding where steps are coarse; and the step [response].
     """
-    rng, errors = np.random.default_rng(0), list[Array]()
+    rng = np.random.default_rng(0)
     beneath = min(noise, step / math.sqrt(12))  # rounding hides what is smaller than its own noise
-    for _ in range(NOISE_DRAWS):
-        disturbed = motion + rng.uniform(0, step)  # where the grid lies beneath an unknown offset is drawn, too
-        error = step * np.round((disturbed + beneath * rng.standard_normal(len(motion))) / step) - disturbed
-        errors.append(error[np.isfinite(error)])
-    errors = [error - np.mean(errors) for error in errors]
-    process = Process(burg(errors, int(10 * np.log10(len(motion)))), 1.0)
-    innovations = np.concatenate([process.whiten(error[:, None]) for error in errors])
-    return replace(process, sigma=float(np.sqrt(np.mean(innovations**2))))
+    disturbed = motion + rng.uniform(0, step)  # where the grid lies beneath an unknown offset is drawn, too
+    error = step * np.round((disturbed + beneath * rng.standard_normal(len(motion))) / step) - disturbed
+    error = error[np.isfinite(error)] - np.nanmean(error)
+    process = Process(burg([error], int(10 * np.log10(len(motion)))), 1.0)
+    return replace(process, sigma=float(np.sqrt(np.mean(process.whiten(error[:, None]) ** 2))))

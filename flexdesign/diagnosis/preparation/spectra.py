@@ -32,8 +32,8 @@ from flexdesign.estimation.noise.quiet_stretches import Stretch, remove_sinusoid
 from flexdesign.measurements.recordings import Run
 from flexdesign.measurements.recordings.run import commanded_by
 
-#: Number of peaks at which modes are tried.
-PEAKS_TRIED = 6
+#: Number of frequencies at which modes are tried: the highest peaks of a residual, or points of a band.
+FREQUENCIES_TRIED = 10
 #: The longest record is split into this number of segments: fewer leave the spectrum noisy, more make peaks wide.
 SEGMENTS = 4
 #: Fewest samples in a period of the highest frequency that matters; fewer distort a sine. A segment has two periods.
@@ -106,7 +106,7 @@ def _segment_length(samples: int) -> int:
 def mode_frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     """Return the frequencies [Hz] of the highest peaks of the residual of runs, or else of frequency responses."""
     found = _of_runs(data, fit) if data.runs else _of_responses(data, fit)
-    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS_TRIED])
+    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:FREQUENCIES_TRIED])
 
 
 def _of_runs(data: DiagnosisData, fit: FittedModel) -> list[tuple[float, float]]:

@@ -188,9 +188,12 @@ class AxisDynamics:
         steps = Steps(self.axis, self.delay)
         return replace(self, tolerance=tolerance or self.tolerance, steps=steps)
 
-    def with_steps(self, finest: int, *, fixed: bool = False) -> AxisDynamics:
-        """Return the model with steps found anew: at most this number in a sample, or exactly this number."""
-        return replace(self, finest=finest, fixed=fixed, steps=Steps())
+    def with_steps(self, finest: int, *, fixed: bool = False, tolerance: float | None = None) -> AxisDynamics:
+        """Return the model with steps found anew: at most this number in a sample, or exactly this number.
+
+        A tolerance takes the place of its own.
+        """
+        return replace(self, finest=finest, fixed=fixed, tolerance=tolerance or self.tolerance, steps=Steps())
 
     def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:
         """Return the model with an effect added, at its start values scaled to this stroke.

@@ -23,8 +23,6 @@ SMALL_REDUCTION = 0.1
 LEAST_GAIN_RATIO, MOST_UPDATES, CONVERGED_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: its first value, and its factors after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-3, 0.2, 8.0
-#: Damping without influence on a step.
-NEGLIGIBLE_DAMPING = 1e-9
 #: The search ends if the Jacobian was computed this number of times at one point without a better step.
 MOST_FAILURES = 2
 
@@ -204,7 +202,7 @@ class _Search:
                 continue
             if predicted_reduction <= enough and not self.is_undamped:
                 # Along a valley, damping itself may keep the predicted reduction small.
-                self.damping, self.is_undamped = NEGLIGIBLE_DAMPING, True
+                self.damping, self.is_undamped = 0.0, True
                 continue
             if predicted_reduction <= enough and self.held.any():
                 self._release()
@@ -261,7 +259,7 @@ class _Search:
         self.gain_ratio = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
         self.least_reduction = self._least_reduction()
-        self.damping = max(self.damping * (DAMPING_DECREASE if self.gain_ratio > 0.5 else 1.0), NEGLIGIBLE_DAMPING)
+        self.damping *= DAMPING_DECREASE if self.gain_ratio > 0.5 else 1.0
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.is_undamped, self.jacobians_here = False, False, 0
 

@@ -16,14 +16,13 @@ import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model
+from flexdesign.estimation.criterion import SHARE
 from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort, Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Coordinates, Map, Problem, coordinate, coordinates
 
 #: Points of the grid from which the initial state of a run is fitted.
 GRID_POINTS = 4
-#: A run begins elsewhere where that lowers its chi^2 to less than this share: less is no other minimum.
-OTHER_MINIMUM = 0.98
 #: Fits the initial state of one run from that of a model; returns chi^2 of the run, and the model with it.
 FitState = Callable[[Model, Record], tuple[float, Model]]
 
@@ -44,8 +43,10 @@ class EstimationTask:
         Returns a model without the effects that were added to it.
     tolerance
         Least change of the prediction of a validation run by an effect, rms [response].
-    coarse, fine
-        Return a model that is simulated less exactly and faster, for screening; and exactly.
+    coarse
+        Returns a model that is simulated less exactly and faster, for screening.
+    fine
+        Returns a model that is simulated as exactly as a residual of a reduced chi^2 asks for.
     each
         Maps simulations, and fits, perhaps over threads; see `core.parallel_map`.
     progress
@@ -76,7 +77,7 @@ class EstimationTask:
     bare: Callable[[Model], Model]
     tolerance: float
     coarse: Callable[[Model], Model] = lambda model: model
-    fine: Callable[[Model], Model] = lambda model: model
+    fine: Callable[[Model, float], Model] = lambda model, scale: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     calibrated_excess: float = 0.0
@@ -136,7 +137,8 @@ def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) 
 def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
     """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
 
-    Numbers of a run that have no grid are tried at their median over the runs; those that have one, also at zero.
+    Numbers of a run that have no grid are tried at their median over the runs; those that have one, also at zero. A run
+    begins elsewhere if that lowers its chi^2 by `criterion.SHARE`: less is no other minimum.
 
     Parameters
     ----------
@@ -174,7 +176,7 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
         if fit_state is not None:
             found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))
         cost, there = min(found, key=lambda pair: pair[0])
-        if cost < OTHER_MINIMUM * costs[first]:
+        if cost < (1 - SHARE) * costs[first]:
             names = own[record.observation.name]
             changed |= {p.name: p.start for p in there.parameters() if p.name in names and p.start is not None}
     return model.replace(changed) if changed else model

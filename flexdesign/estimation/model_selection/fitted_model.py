@@ -12,7 +12,7 @@ from scipy.special import ndtri
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Model, parameter_of
-from flexdesign.estimation.criterion import HALF_WIDTH, SHARE, is_undetermined, significant_deviation
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, is_undetermined, significant_deviation
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.estimation.model_selection.estimation_task import (
@@ -25,9 +25,6 @@ from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
 
 #: First factor by which thresholds are changed, up and down: smaller changes are within the reach of derivatives.
 THRESHOLD_FACTOR = 1.1
-#: A sample this number of standard deviations of its run from zero is a jump: in Gaussian noise one sample in five
-#: hundred million lies as far.
-JUMP_DEVIATIONS = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +91,16 @@ class FittedModel:
         return all(estimate_autocorrelation(part[: len(record.measured)]).is_white for record, part in pairs)
 
     def jumps(self, runs: Collection[str]) -> int:
-        """Return the number of sudden changes in the whitened residual of some of the fitted runs."""
+        """Return the number of sudden changes in the whitened residual of some of the fitted runs.
+
+        They are the samples farther from zero than the largest one of Gaussian noise, but for the level of evidence.
+        """
         count = 0
         for record, part in zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True):
             if record.observation.name in runs:
                 sizes = np.abs(part[: len(record.measured)][record.present])
-                count += int((sizes > JUMP_DEVIATIONS * np.median(sizes) / ndtri(0.75)).sum())
+                largest = float(ndtri(1 - LEVEL / (2 * len(sizes)))) / ndtri(0.75)
+                count += int((sizes > largest * np.median(sizes)).sum())
         return count
 
     @property
@@ -345,7 +346,7 @@ def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None =
         task.progress(f"fitting with other values of {name}")
         rough = _search_threshold(task, fit, name)
         if rough is not None:
-            model = task.fine(rough.problem.at(rough.x))
+            model = task.fine(rough.problem.at(rough.x), fit.scale)
             fit = _better(fit, fit_model(task, model, fit.effects, old=rough.columns()))
     return fit
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import parameter_of
-from flexdesign.estimation.criterion import LEVEL, SHARE, large_share
+from flexdesign.estimation.criterion import LARGE, LEVEL, SHARE, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask, grid_initial_states
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -29,10 +29,8 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
-#: A candidate is fitted if its score promises this share of what would be accepted: the score is a linear estimate.
-PROMISING_SHARE = 0.5
-#: Quick fits that are fitted roughly; rough fits that are fitted to convergence, and the most that other rankings add.
-ROUGH_FITS, FINALISTS = 6, 3
+#: Rough fits that are fitted to convergence, and the most that other rankings add; twice as many are fitted roughly.
+FINALISTS = 3
 #: Trials of one candidate from which fits start: the best alone may lead to a local minimum.
 STARTS_PER_CANDIDATE = 2
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
@@ -89,7 +87,7 @@ def screen(
     for origin in (fit, *expansion_points):
         screening = Screening(origin.solution, left, task.coarse)
         score = score or screening.critical_value(LEVEL)
-        starts += _starts(origin, screening, PROMISING_SHARE * max(score, SHARE * origin.excess))
+        starts += _starts(origin, screening, max(score, SHARE * origin.excess) / LARGE)
 
     def quickly(start: _Start) -> Entry | None:
         task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
@@ -114,8 +112,8 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
-    best = entries[:ROUGH_FITS]
-    others = [e for e in entries[ROUGH_FITS:] if e.start.origin is fit and len(e.names) == 1]
+    best, rest = entries[: 2 * FINALISTS], entries[2 * FINALISTS :]
+    others = [e for e in rest if e.start.origin is fit and len(e.names) == 1]
     others.sort(key=lambda e: -e.start.predicted_reduction)
     return _best_by_names(task.each(roughly, [*best, *others[:FINALISTS]]))
 
@@ -141,7 +139,7 @@ def forward(
     # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
-    singles, pairs = _compete(task, fit, entries, PROMISING_SHARE * least)
+    singles, pairs = _compete(task, fit, entries, least / LARGE)
     trials = _trials(task, fit, singles, score)
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
@@ -179,7 +177,7 @@ def _compete(
     candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
     singles = [entry for entry in candidates if len(entry.start.names) == 1]
     cost = singles[0].solution.cost if singles else fit.cost
-    cost -= PROMISING_SHARE * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
+    cost -= large_share() / LARGE * max(cost - fit.solution.problem.dataset.samples, 0.0)
     pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
     return singles[:FINALISTS], pairs[:FINALISTS]
 
@@ -224,12 +222,17 @@ def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], sc
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
     """Return the trial of a rough fit, fitted to convergence; None if it cannot be simulated.
 
-    Initial states are those that fit best on the grid; `score` is the critical value that `screen` returns.
+    Initial states are those that fit best on the grid; `score` is the critical value that `screen` returns. The fit is
+    repeated with more exact simulations if it halves the residual, for which the rough one chose their error.
     """
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
-    model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
+    scale = solution.cost / solution.problem.dataset.samples
+    model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x), scale), task.each)
     made = fit_model(task, model, entry.start.effects, old=solution.columns())
+    while made is not None and 4 * max(made.scale, 1.0) < scale:
+        scale = made.scale
+        made = fit_model(task, task.fine(made.model, scale), entry.start.effects, old=made.solution.columns())
     return None if made is None else compare(task, fit, made, entry.start.names, score)
 
 
@@ -274,9 +277,9 @@ def fit_candidate(
     InputError
         If the effect cannot be simulated at any of its first values.
     """
-    simulated, effort = (task.coarse, ROUGH) if roughly else (task.fine, FULL)
-    model, effects = simulated(candidate.add(fit.model)), (*fit.effects, candidate)
-    starts = [model.replace(values) for values in candidate.trials[:ROUGH_FITS]]
+    added, effects = candidate.add(fit.model), (*fit.effects, candidate)
+    model, effort = (task.coarse(added), ROUGH) if roughly else (task.fine(added, fit.scale), FULL)
+    starts = [model.replace(values) for values in candidate.trials[: 2 * FINALISTS]]
     made = [found for start in starts if (found := fit_model(task, start, effects, effort=effort))]
     if not made:
         raise InputError(

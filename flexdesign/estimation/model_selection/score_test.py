@@ -20,21 +20,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtri
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import Model, Observation
+from flexdesign.core.model import Model, Observation, parameter_of
+from flexdesign.estimation.criterion import LARGE, LEVEL, significant_deviation
 from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
-#: A score counts only if its strength is no more than this many times that of the catalogue.
-LARGEST_EXTRAPOLATION = 300.0
-#: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
-#: parameters imitate is projected out to first order.
-LARGEST_MOVE = 3.0
-#: Number of simulations without any effect; and the level of their quantile, from which rarer ones are extrapolated.
-NULL_DRAWS, SIMULATED_LEVEL = 4000, 0.01
+#: Number of simulations without any effect: ten of them exceed the critical value at `criterion.LEVEL`.
+NULL_DRAWS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +97,8 @@ class Direction:
         d'd' and d'e, see the module.
     columns
         Number of columns that were fitted: two in each run for a sinusoid, else one.
-    scale
-        Strength of the trial over that of the catalogue.
+    plausible
+        Plausible range of the strength, SI; unlimited if it has trials of its own.
     """
 
     candidate: Candidate
@@ -112,16 +108,18 @@ class Direction:
     projected_norm2: float
     predicted_gain: float
     columns: int = 1
-    scale: float = 1.0
+    plausible: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def best_step(self) -> float:
         """Multiple of the trial strength that minimises chi^2."""
         return self.predicted_gain / self.projected_norm2
 
-    def can_have(self, step: float) -> bool:
-        """Tell whether a multiple of the trial strength has a possible sign and is not far from the catalogue."""
-        return (step > 0 or self.candidate.signed) and abs(step) * self.scale <= LARGEST_EXTRAPOLATION
+    def is_possible(self, step: float) -> bool:
+        """Tell whether a multiple of the trial strength has a possible sign and is plausible, or not far beyond."""
+        estimate = step * self.values[self.candidate.strength] / LARGE  # the score is a linear estimate
+        is_plausible = self.plausible[0] <= estimate <= self.plausible[1]
+        return is_plausible and (step > 0 or self.candidate.signed)
 
     @property
     def start(self) -> dict[str, float]:
@@ -133,9 +131,9 @@ class Direction:
     @property
     def predicted_reduction(self) -> float:
         """Predicted fall of the cost, less the chance of additional columns; zero for an impossible strength."""
-        if not self.can_have(self.best_step):
+        if not self.is_possible(self.best_step):
             return 0.0
-        more = chdtri(self.columns, SIMULATED_LEVEL) - chdtri(1, SIMULATED_LEVEL)
+        more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
         return max(self.predicted_gain * self.best_step - float(more), 0.0)
 
 
@@ -203,20 +201,26 @@ class Screening:
         try:
             with np.errstate(all="ignore"):
                 model = self.coarse(candidate.add(self.model))
-                if candidate.phase:
-                    return self._sinusoid(candidate, model, values)
-                move = self._move(model, values)
-                if move is None or candidate.has_own_trials:
-                    return None if move is None else self._direction(candidate, values, move)
-                # No larger than the noise: what the free parameters imitate is projected out to first order.
-                scale = min(LARGEST_MOVE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
-                if scale < 1:
-                    values = {**values, candidate.strength: values[candidate.strength] * scale}
-                    move = self._move(model, values)
-                direction = None if move is None else self._direction(candidate, values, move)
-                return None if direction is None else replace(direction, scale=scale)
+                direction = self._direction_of(candidate, model, values)
+                if direction is None or candidate.has_own_trials:
+                    return direction
+                return replace(direction, plausible=parameter_of(model, candidate.strength).plausible)
         except (ArithmeticError, InputError):
             return None
+
+    def _direction_of(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
+        """Return the direction of a trial in a model with the effect."""
+        if candidate.phase:
+            return self._sinusoid(candidate, model, values)
+        move = self._move(model, values)
+        if move is None or candidate.has_own_trials:
+            return None if move is None else self._direction(candidate, values, move)
+        # As small as the noise: what the free parameters imitate is projected out to first order.
+        scale = min(significant_deviation() / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
+        if scale < 1:
+            values = {**values, candidate.strength: values[candidate.strength] * scale}
+            move = self._move(model, values)
+        return None if move is None else self._direction(candidate, values, move)
 
     def _move(self, model: Model, values: Mapping[str, float]) -> Array | None:
         """Return the change of the prediction by an effect, whitened, record after record; None where not finite."""
@@ -275,8 +279,6 @@ class Screening:
     def critical_value(self, level: float, seed: int = 0) -> float:
         """Return the value that the largest score exceeds with a probability `level` if nothing is missing.
 
-        A quantile of a few thousand simulations is extrapolated with the tail of chi^2 of one degree of freedom.
-
         Parameters
         ----------
         level
@@ -291,10 +293,7 @@ class Screening:
         draws = rng.multivariate_normal(np.zeros(len(plain)), cosines, NULL_DRAWS, "ignore", method="eigh")
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(draws), np.maximum(draws, 0.0)).max(axis=1)
-        single = float(np.quantile(largest**2, 1 - SIMULATED_LEVEL))
-        # This number of independent scores would exceed that quantile as often.
-        comparisons = SIMULATED_LEVEL / float(chdtrc(1, single))
-        return float(chdtri(1, level / max(comparisons, 1.0)))
+        return float(np.quantile(largest**2, 1 - level))
 
     def best(self) -> list[list[Direction]]:
         """Return for each candidate its directions, best first; the candidate with the largest score first."""
@@ -314,7 +313,9 @@ class Screening:
                 continue
             p, q = a.predicted_gain / math.sqrt(a.projected_norm2), b.predicted_gain / math.sqrt(b.projected_norm2)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
-            if a.can_have(of_a / math.sqrt(a.projected_norm2)) and b.can_have(of_b / math.sqrt(b.projected_norm2)):
+            if a.is_possible(of_a / math.sqrt(a.projected_norm2)) and b.is_possible(
+                of_b / math.sqrt(b.projected_norm2)
+            ):
                 pairs.append((of_a * p + of_b * q, a, b))
         best = dict[frozenset[str], tuple[float, Direction, Direction]]()
         for pair in sorted(pairs, key=lambda pair: -pair[0]):

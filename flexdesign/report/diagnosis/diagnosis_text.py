@@ -17,7 +17,7 @@ from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.diagnosis.windowed_selection import SEARCHED
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
-from flexdesign.estimation.criterion import HALF_WIDTH, OVERSTATED, large_share
+from flexdesign.estimation.criterion import HALF_WIDTH, LARGE, large_share
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import response_pages
@@ -71,7 +71,7 @@ def _remains(diagnosis: Diagnosis) -> str:
     """
     if not diagnosis.remainder_rms:
         ratio = diagnosis.validation_error / diagnosis.noise_floor if diagnosis.noise.known else 0.0
-        if ratio < OVERSTATED:
+        if ratio < LARGE:
             return ""
         return (
             f" That is {units.significant(ratio, 2)} times the noise. It counts as noise, as these runs show that too "
