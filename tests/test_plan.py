@@ -114,10 +114,10 @@ REFUSED: list[tuple[StageModel, dict[str, Any], str, str]] = [
     (stage(), dict(volts=(50.0, 10.0)), "--volts", "the lower one"),
     (stage(volts=None), {}, "axis.x.actuator.voltage_range", "voltage_range ="),
     (stage(), dict(current=0.1), "axis.x.actuator.capacitance", "--slew"),
-    (stage(rate=200.0), {}, "controller.rate", "sample at 325 Hz or more"),
+    (stage(rate=200.0), {}, "controller.rate", "sample at 313 Hz or more"),
     (stage(), dict(rate=250.0), "--rate", "sample at"),
-    (stage(), dict(bandwidth=110.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
-    (stage(), dict(bandwidth=600.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), dict(bandwidth=110.0), "--bandwidth", "from 125 Hz to at most 400 Hz"),
+    (stage(), dict(bandwidth=600.0), "--bandwidth", "from 125 Hz to at most 400 Hz"),
     (stage(), dict(slew=1e-3), "--slew", "per sample"),
 ]
 

@@ -15,10 +15,9 @@ from flexdesign.dynamics.stage_model import AxisModel, StageModel
 COMMAND_GRID = 1e-6
 #: Of the voltage range, that commands leave free at either end: a margin for the driver's own offset.
 MARGIN = 0.02
-#: Of the sampling rate, below which commands stay if no bandwidth is stated: Nyquist's half, less a filter's corner.
-BELOW_NYQUIST = 0.4
-#: Commands must reach this multiple of the highest resonance, or they do not show what lies above it.
-ABOVE_RESONANCE = 1.3
+#: Commands reach beyond the highest resonance, and stay below Nyquist's frequency, by this ratio: it leaves room for
+#: what lies above the one, and for the corner of a filter below the other.
+ROOM = 1.25
 
 
 @dataclass(frozen=True)
@@ -138,18 +137,18 @@ def of_axis(
         remedy = f"allows {slew / rate:.2g} V per sample, less than commands resolve; allow more, or sample slower"
         raise InputError(slew_file, slew_from, f"{slew:g} V/s", remedy)
     highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
-    wanted, nyquist = ABOVE_RESONANCE * highest, BELOW_NYQUIST * rate
-    if nyquist < wanted:
-        fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
+    wanted, most = ROOM * highest, rate / (2 * ROOM)
+    if most < wanted:
+        fast = math.ceil(2 * ROOM * wanted - 1e-6)
         remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more"
         raise InputError(rate_file, rate_from, f"{rate:g} Hz", remedy)
-    if bandwidth is not None and not wanted <= bandwidth <= nyquist:
+    if bandwidth is not None and not wanted <= bandwidth <= most:
         what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
-        remedy = f"commands must reach from {wanted:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
+        remedy = f"commands must reach from {wanted:.4g} Hz to at most {most:.4g} Hz ({what}); choose between"
         raise InputError("command line", "--bandwidth", f"{bandwidth:g} Hz", remedy)
-    bandwidth_from = "--bandwidth" if bandwidth else f"{BELOW_NYQUIST:g} of the sampling rate"
+    bandwidth_from = "--bandwidth" if bandwidth else f"{1 / (2 * ROOM):g} of the sampling rate"
     origin = {"volts": volts_from, "slew": slew_from, "bandwidth": bandwidth_from, "rate": rate_from}
-    return Limits(low, high, slew, bandwidth or nyquist, rate, capacitance, origin)
+    return Limits(low, high, slew, bandwidth or most, rate, capacitance, origin)
 
 
 def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
