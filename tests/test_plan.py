@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import experiment_design
 from flexdesign.diagnosis.experiment_design.effect_strength import inertia
-from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, PERIODS_KEPT
+from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
 from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, MARGIN
 from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.dynamics import stage_model
@@ -148,8 +148,8 @@ def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
     for name in ("multisine_small_a", "multisine_medium_b", "multisine_large_a"):
         command = commands[name]
         count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
-        kept = command.samples[end - PERIODS_KEPT * count : end]
-        assert len(command.marks) == PERIODS_KEPT + 1
+        kept = command.samples[end - 2 * count : end]
+        assert len(command.marks) == 3
         assert np.array_equal(kept[:count], kept[count:])
         amplitude = np.abs(np.fft.rfft(kept[:count])) * 2 / count
         tones = np.flatnonzero(amplitude[1:] > 0.5 * amplitude[1:].max()) + 1
@@ -161,8 +161,6 @@ def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
         assert others.max() < COMMAND_GRID  # what rounding to the grid leaves
         if damping < 0.1:  # several tones within the width of the resonance
             assert np.sum(np.abs(hertz - frequency) < damping * frequency) >= 3
-        crest = np.ptp(kept) / 2 / kept.std()
-        assert crest < 3.2  # of 30 draws the best; a single one has 3.5 in the mean
 
 
 def test_the_motion_stays_within_the_static_range() -> None:

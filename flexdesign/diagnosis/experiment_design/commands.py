@@ -9,14 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexdesign.core.arrays import Array
+from flexdesign.core.unit_tables import KELVIN
 from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits
-from flexdesign.dynamics.trajectories import Multisine
 from flexdesign.measurements.recordings import AXES, Role, Run
-
-#: The temperature of a room [K].
-ROOM_TEMPERATURE = 293.15
-#: Draws of random phases, of which the one with the lowest peaks is taken.
-PHASE_DRAWS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +39,7 @@ class Command:
     push
         Known static force on the output, as the displacement it causes by the model [m].
     recorded
-        Further columns, by name with their SI unit: what another axis or the temperature does.
+        What another axis [response] or the temperature [K above 0 °C] does, by the name of its column.
     note
         What has to be done by hand.
     scaled
@@ -61,7 +56,7 @@ class Command:
     cycle: float = 0.0
     mass_ratio: float = 0.0
     push: float = 0.0
-    recorded: Mapping[str, tuple[str, Array]] = field(default_factory=dict)
+    recorded: Mapping[str, Array] = field(default_factory=dict)
     note: str = ""
     scaled: str = ""
 
@@ -91,10 +86,9 @@ class Command:
         Temperature and another axis rest, unless it is them that move.
         """
         still, other = np.zeros(len(self.samples)), other_than(axis)
-        columns = {"u": self.samples, axis: still, other: still, "T": still + ROOM_TEMPERATURE}
+        columns = {"u": self.samples, axis: still, other: still, "T": still, **self.recorded}
+        columns["T"] = columns["T"] + KELVIN["degC"]
         si = {"u": "V", axis: response, other: response, "T": "K"}
-        for name, (unit, values) in self.recorded.items():
-            columns[name], si[name] = values, unit
         return Run(self.name, self.time, columns, si, "hold", self.role)
 
 
@@ -156,26 +150,3 @@ def triangle(limits: Limits, frequency: float, cycles: int) -> Array:
     corners = [limits.home, *([limits.level(1.0), limits.level(0.0)] * cycles), limits.home]
     times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)) / rate)])
     return np.interp(np.arange(math.ceil(times[-1] * limits.rate) + 1) / limits.rate, times, corners)
-
-
-def multisine(band: tuple[float, float], resolution: float, rate: float, generator: np.random.Generator) -> Array:
-    """Return one period of equal tones with random phases and low peaks, between -1 and 1.
-
-    Parameters
-    ----------
-    band
-        Lowest and highest frequency [Hz].
-    resolution
-        Distance of the tones [Hz]; the sampling rate is a whole multiple.
-    rate
-        [Hz]
-    generator
-        Draws the phases: the best of thirty draws by crest factor, which is about 2.5 where one draw has 3 to 4.
-    """
-    texts = {"band": [f"{edge!r} Hz" for edge in band], "resolution": f"{resolution!r} Hz"}
-    shape = {"shape": "multisine", "low": "-1 V", "high": "1 V", **texts}
-    draws = (
-        Multisine.model_validate({**shape, "seed": int(seed)}).sampled(1 / rate)[: round(rate / resolution)]
-        for seed in generator.integers(0, 2**32, PHASE_DRAWS)
-    )
-    return max(draws, key=np.std)

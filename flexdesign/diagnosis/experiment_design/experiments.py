@@ -17,36 +17,23 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.experiment_design.commands import (
-    ROOM_TEMPERATURE,
-    Command,
-    multisine,
-    on_grid,
-    other_than,
-    path,
-    triangle,
-)
+from flexdesign.diagnosis.experiment_design.commands import Command, on_grid, other_than, path, triangle
 from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.trajectories import Multisine
 from flexdesign.measurements.recordings import Role
 
 #: Peak to peak of the multisines, per range of voltage: the noise dominates the first, nonlinearity the last.
 MULTISINE_LEVELS = {"small": 0.04, "medium": 0.2, "large": 0.6}
-#: Realisations of each: what differs between them, beyond noise, is nonlinear.
-REALISATIONS = ("a", "b")
-#: Periods that are kept of each, after one in which the stage settles: what differs between them is noise.
-PERIODS_KEPT = 2
 #: How long the step is held [s]: three decades of the creep of a stack, which then still goes on.
 STEP_HOLD = 100.0
-#: Length of the record at rest [s]: a hundred periods of mains hum.
-QUIET_TIME = 2.0
+#: Change of temperature that shows what heat does [K].
+WARMING = 1.0
 #: An added mass of this share of the moving one lowers the resonance by 5 %.
 ADDED_MASS = 0.1
 #: The experiment that is repeated with it.
 SAME_WITH_MASS = "multisine_medium_a"
-#: Least share of its intended amplitude at which an experiment is still useful.
-LEAST_SHARE = 0.05
 
 
 def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Command, ...]:
@@ -64,7 +51,7 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
     Raises
     ------
     InputError
-        If slew or motion leave less than a twentieth of an experiment.
+        If slew or motion leave less of the range to an experiment than the change of an effect that is to be seen.
     """
     maker = _Maker(model, limits, seed)
     settling, uniform = maker.settling, maker.generator.uniform
@@ -74,10 +61,11 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
     held = 0.6 if limits.level(0.6) != limits.home else 0.8
     made = [
         maker.command(
-            "quiet", "quiet", "noise floor, mains hum, drift: what no model can predict", maker.still(QUIET_TIME)
+            "quiet", "quiet", "noise floor, mains hum, drift: what no model can predict", maker.rest
         ),
         maker.levels("calibration", "steps", "gain and sign from small steps", small, 1.5 * settling),
-        *(maker.multisine(level, realisation) for level in MULTISINE_LEVELS for realisation in REALISATIONS),
+        # Two realisations of each: what differs between them, beyond noise, is nonlinear.
+        *(maker.multisine(level, realisation) for level in MULTISINE_LEVELS for realisation in ("a", "b")),
         maker.levels(
             "steps", "steps", "steps of several sizes: slew, friction, stiffness that changes with the motion",
             [*sizes, 0.5], 2.0 * settling,
@@ -108,23 +96,22 @@ def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...
     They belong to the menu of what can distinguish effects; no command file can do them alone.
     """
     maker = _Maker(model, limits, 0)
-    still, other = maker.still(4.0), other_than(model.name)
-    slow = maker.still(STEP_HOLD)
-    motion = 0.5 * model.stroke * (1 - np.cos(2 * np.pi * np.arange(len(still)) / (len(still) - 1) * 2)) / 2
-    warms = ROOM_TEMPERATURE + 2.0 * np.arange(len(slow)) / (len(slow) - 1)
+    rest, slow, other = maker.rest, maker.still(STEP_HOLD), other_than(model.name)
+    motion = 0.25 * model.stroke * (1 - np.cos(np.linspace(0, 4 * np.pi, len(rest))))
     return (
         maker.command(
-            "static_push", "push", "the stiffness at the output", still, push=VISIBLE_SHARE * model.stroke,
+            "static_push", "push", "the stiffness at the output", rest, push=VISIBLE_SHARE * model.stroke,
             note="load the output with a known force, such as a weight on a string, while the command rests",
         ),
         maker.command(
-            "other_axis", "other axis", f"what axis {other} does to this one", still,
-            recorded={other: (model.axis.response, motion)},
+            "other_axis", "other axis", f"what axis {other} does to this one", rest, recorded={other: motion},
             note=f"move axis {other} over half its range, twice, while this one rests; record both",
         ),
         maker.command(
-            "warming", "temperature", "what warmth does", slow, recorded={"T": ("K", warms)},
-            note="let the room or the driver warm the stage by 2 K while the command rests; record the temperature",
+            "warming", "temperature", "what warmth does", slow,
+            recorded={"T": np.linspace(0, WARMING, len(slow))},
+            note=f"let the room or the driver warm the stage by {WARMING:g} K or more while the command rests; record "
+            "the temperature",
         ),
     )  # fmt: skip
 
@@ -145,6 +132,7 @@ class _Maker:
         wanted = min(max(min(2 * d * f for f, d in modes) / 4, lowest / 400), lowest / 40)
         self.resolution = limits.rate / math.ceil(limits.rate / wanted)
         self.band = (lowest / 40, min(limits.bandwidth, 3 * highest))
+        self.rest = self.still(2.0)  # a hundred periods of mains hum
 
     def command(self, name: str, kind: str, purpose: str, samples: Array, **more: Any) -> Command:
         """Return samples [V] as a command, rounded to the grid."""
@@ -191,25 +179,24 @@ class _Maker:
         -------
         The command, when the wave begins [s], its share of the range, and the limit that requires less than wanted.
         """
+        whole = 0.5 * size * self.limits.span * wave
 
         def make(share: float) -> tuple[Array, float]:
-            samples = self.limits.middle + 0.5 * share * size * self.limits.span * wave
-            return self.framed(samples, self.settling)
+            return self.framed(self.limits.middle + share * whole, self.settling)
 
-        share, why = 1.0, ""
-        steepest = float(np.abs(np.diff(make(1.0)[0])).max())
-        if steepest > self.limits.step:
-            share, why = self.limits.step / steepest * (1 - 1e-9), "slew limit"
+        share, why = self.limits.step / np.abs(np.diff(whole)).max() * (1 - 1e-9), "slew limit"
+        if share > 1:
+            share, why = 1.0, ""
         middle, half = self._static_range
         for _ in range(3):  # hysteresis makes the motion grow by a little less than the command
             far = float(np.abs(self._motion(make(share)[0]) - middle).max())
             if half > 0 and not far <= half:  # also where the motion runs away
                 share, why = 0.98 * share * half / far if math.isfinite(far) else 0.0, "range of motion"
-        if share < LEAST_SHARE:
+        if share * size < VISIBLE_SHARE:
             remedy = (
-                f"{why} leaves {100 * share:.2g} % of what {name} needs; allow a faster slew, or a lower --bandwidth"
+                f"{why} leaves {100 * share * size:.2g} % of the range, which shows no effect; allow a faster slew, "
             )
-            raise InputError("command line", "plan", name, remedy)
+            raise InputError("command line", "plan", name, f"{remedy}or a lower --bandwidth")
         return *make(share), share * size, f"reduced to {100 * share:.0f} % by the {why}" if why else ""
 
     @cached_property
@@ -226,12 +213,20 @@ class _Maker:
         return self.model.predict(tried.run(self.model.name, self.model.axis.response))
 
     def multisine(self, level: str, realisation: str) -> Command:
-        """Return some periods of a multisine of one level, after one in which the stage settles."""
-        tones, period = multisine(self.band, self.resolution, self.limits.rate, self.generator), 1 / self.resolution
-        name = f"multisine_{level}_{realisation}"
-        samples, begins, share, why = self.within(name, np.tile(tones, 1 + PERIODS_KEPT), MULTISINE_LEVELS[level])
+        """Return a multisine of one level: a period in which the stage settles, and two that differ by noise alone."""
+        texts = {"band": [f"{edge!r} Hz" for edge in self.band], "resolution": f"{self.resolution!r} Hz"}
+        shape = {
+            "shape": "multisine",
+            "low": "-1 V",
+            "high": "1 V",
+            "seed": int(self.generator.integers(2**32)),
+            **texts,
+        }
+        tones = Multisine.model_validate(shape).sampled(self.period)[: round(self.limits.rate / self.resolution)]
+        name, period = f"multisine_{level}_{realisation}", 1 / self.resolution
+        samples, begins, share, why = self.within(name, np.tile(tones, 3), MULTISINE_LEVELS[level])
         purpose = f"resonance, damping, delay at {100 * share:.2g} % of the range, phases {realisation}"
-        marks = tuple(begins + (1 + k) * period for k in range(PERIODS_KEPT + 1))
+        marks = tuple(begins + k * period for k in (1, 2, 3))
         return self.command(name, "multisine", purpose, samples, marks=marks, cycle=period, scaled=why)
 
     def triangles(self) -> Iterator[Command]:

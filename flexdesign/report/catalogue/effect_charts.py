@@ -206,11 +206,9 @@ def _constant_command(seen: EffectResponse, unit: str, factor: float) -> Pair:
 
 def _other(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw the reading over the other column that was recorded."""
-    (name, (si, values)), *_ = seen.command.recorded.items()
-    column_unit, scale = DISPLAY_UNITS.get(si, (si, 1.0))
-    x = (values - (values[0] if si == "K" else 0.0)) * scale
+    ((name, values),) = seen.command.recorded.items()
+    x, label = (values, "change of temperature [K]") if name == "T" else (values * factor, f"motion of {name} [{unit}]")
     order = np.argsort(x)[:: max(1, len(x) // 600)]
-    label = f"change of temperature [{column_unit}]" if si == "K" else f"motion of {name} [{column_unit}]"
     without, affected = seen.without[order] * factor, seen.affected[order] * factor
     return Pair(x[order], without, affected, affected - without, label, f"reading [{unit}]", f"difference [{unit}]")
 
