@@ -17,7 +17,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import experiment_design
 from flexdesign.diagnosis.experiment_design.effect_strength import inertia
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
-from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, MARGIN
+from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID
 from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -92,10 +92,10 @@ def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
     assert max(currents) > 0.019  # the large multisines use what there is
 
 
-def test_the_whole_range_is_used_but_for_its_margin() -> None:
+def test_the_whole_range_is_used() -> None:
     _, commands = planned(stage())
     triangle = commands["triangle_slow"].samples
-    assert triangle.max() == pytest.approx(100.0 * (1 - MARGIN), abs=0.2)  # a turn falls between samples
+    assert triangle.max() == pytest.approx(100.0, abs=0.2)  # a turn falls between samples
     assert commands["hold"].duration > 100.0
     assert commands["quiet"].duration == pytest.approx(2.0)
     assert np.ptp(commands["quiet"].samples) == 0.0
@@ -172,7 +172,7 @@ def test_the_motion_stays_within_the_static_range() -> None:
     spectrum = np.fft.rfft(command.samples[end - count : end])
     ratio = np.fft.rfftfreq(count, 1e-3) / FREQUENCY
     motion = GAIN * np.fft.irfft(spectrum / (1 - ratio**2 + 0.02j * ratio), count)
-    middle, half = GAIN * limits.middle, 0.5 * GAIN * (limits.high - limits.low)
+    middle, half = GAIN * limits.level(0.5), 0.5 * GAIN * limits.span
     # Samples are held, and the first period is no steady state: both change the peak by some percent.
     assert np.abs(motion - middle).max() < half * 1.1
     assert np.abs(motion - middle).max() > 0.5 * half

@@ -147,6 +147,6 @@ def ramp(limits: Limits, start: float, end: float, gentle: float = 0.0) -> Array
 def triangle(limits: Limits, frequency: float, cycles: int) -> Array:
     """Return cycles between both ends of the range at constant rate, from home and back [V]."""
     rate = 2 * limits.span * frequency
-    corners = [limits.home, *([limits.level(1.0), limits.level(0.0)] * cycles), limits.home]
+    corners = [limits.home, *([limits.high, limits.low] * cycles), limits.home]
     times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)) / rate)])
     return np.interp(np.arange(math.ceil(times[-1] * limits.rate) + 1) / limits.rate, times, corners)

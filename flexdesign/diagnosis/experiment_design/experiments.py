@@ -182,7 +182,7 @@ class _Maker:
         whole = 0.5 * size * self.limits.span * wave
 
         def make(share: float) -> tuple[Array, float]:
-            return self.framed(self.limits.middle + share * whole, self.settling)
+            return self.framed(self.limits.level(0.5) + share * whole, self.settling)
 
         share, why = self.limits.step / np.abs(np.diff(whole)).max() * (1 - 1e-9), "slew limit"
         if share > 1:
@@ -203,7 +203,7 @@ class _Maker:
     def _static_range(self) -> tuple[float, float]:
         """Middle and half of the motion while the command goes slowly to both ends of what the limits allow."""
         limits = self.limits
-        there = math.ceil(max(self.settling, (limits.high - limits.low) / limits.slew) * limits.rate) + 1
+        there = math.ceil(max(self.settling, limits.span / limits.slew) * limits.rate) + 1
         corners = [limits.home, limits.high, limits.low, limits.high]
         motion = self._motion(np.interp(np.arange(3 * there + 1) / there, np.arange(4), corners))
         return 0.5 * float(motion.max() + motion.min()), 0.5 * float(np.ptp(motion))

@@ -13,8 +13,6 @@ from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
 #: Commands are whole multiples of this [V], so that a file holds exactly what was checked.
 COMMAND_GRID = 1e-6
-#: Of the voltage range, that commands leave free at either end: a margin for the driver's own offset.
-MARGIN = 0.02
 #: Commands reach beyond the highest resonance, and stay below Nyquist's frequency, by this ratio: it leaves room for
 #: what lies above the one, and for the corner of a filter below the other.
 ROOM = 1.25
@@ -55,13 +53,8 @@ class Limits:
 
     @property
     def span(self) -> float:
-        """Width of the range that commands use [V]."""
-        return (1 - 2 * MARGIN) * (self.high - self.low)
-
-    @property
-    def middle(self) -> float:
-        """Middle of the range [V]."""
-        return 0.5 * (self.low + self.high)
+        """Width of the range [V]."""
+        return self.high - self.low
 
     @property
     def step(self) -> float:
@@ -69,8 +62,8 @@ class Limits:
         return self.slew / self.rate - 2 * COMMAND_GRID
 
     def level(self, share: float) -> float:
-        """Return a level, from 0 at the low end of the range that commands use to 1 at the high one [V]."""
-        return self.middle + (share - 0.5) * self.span
+        """Return a level, from 0 at the low end of the range to 1 at the high one [V]."""
+        return self.low + share * self.span
 
     def current(self, slew: float) -> float | None:
         """Return the driver's current while the command changes so fast [A]; None if no capacitance is known."""
