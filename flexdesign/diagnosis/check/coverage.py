@@ -15,14 +15,12 @@ from flexdesign import effects
 from flexdesign.core.arrays import Array, Flags
 from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS, jumps, rests
 from flexdesign.diagnosis.experiment_design.effect_strength import KIND_WORDS, names_kind
-from flexdesign.diagnosis.experiment_design.experiments import STEP_HOLD
+from flexdesign.diagnosis.experiment_design.experiments import STEP_HOLD, WARMING
 from flexdesign.measurements.noise_level.sources import fewest_samples
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: The ends of the band that holds nine tenths of the power of a multisine, or of noise, have at least this ratio.
 BROAD_RATIO = 4.0
-#: A temperature that changes by so much [K] shows what heat does.
-TEMPERATURE_CHANGE = 1.0
 #: What the catalogue calls each kind, in words of the result.
 KIND_TEXTS = {
     "quiet": "a quiet stretch",
@@ -32,7 +30,7 @@ KIND_TEXTS = {
     "staircase": "several levels, with motion about them",
     "hold": f"a step held for {STEP_HOLD:.0f} s or more",
     "push": "a force on the stage",
-    "temperature": f"a change of temperature of {TEMPERATURE_CHANGE:g} K",
+    "temperature": f"a change of temperature of {WARMING:g} K",
     "other axis": "another axis driven",
 }
 
@@ -62,14 +60,9 @@ def coverage(kinds: Sequence[str]) -> tuple[Coverage, ...]:
     for name in effects.names():
         effect = effects.find(name)
         if effect.acts_in_time:
-            there = tuple(kind for kind in KIND_WORDS if kind in kinds and _reveals(kind, effect.reveal))
+            there = tuple(kind for kind in KIND_WORDS if kind in kinds and names_kind(effect.reveal, kind))
             found.append(Coverage(name, there, "" if there else effect.reveal))
     return tuple(found)
-
-
-def _reveals(kind: str, reveal: str) -> bool:
-    """Tell whether a kind of experiment reveals what the catalogue says: steps, too, make a stage ring."""
-    return names_kind(reveal, kind) or (kind == "steps" and ("resonance" in reveal or "a step recorded" in reveal))
 
 
 def kinds_of(recording: Run | FrequencyResponse) -> tuple[str, ...]:
@@ -87,7 +80,7 @@ def kinds_of(recording: Run | FrequencyResponse) -> tuple[str, ...]:
         found.add("other axis")
     for values in commands.values():
         found |= _of_command(values, recording.period)
-    if _span(recording, "T") > TEMPERATURE_CHANGE:
+    if _span(recording, "T") >= WARMING:
         found.add("temperature")
     if any(_span(recording, name) > 0 for name in ("f", "fx", "fy", "fz")):
         found.add("push")

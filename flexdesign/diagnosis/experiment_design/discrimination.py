@@ -18,6 +18,7 @@ from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.effect_strength import (
     VISIBLE_SHARE,
     EffectAtStrength,
+    EffectResponse,
     exact_reading,
     fit_linear,
     on,
@@ -36,24 +37,19 @@ EXPERIMENTS_PROPOSED = 3
 
 
 @dataclass(frozen=True)
-class Separation:
+class Separation(EffectResponse):
     """How far one experiment distinguishes two effects.
+
+    The reading with the first is `affected`; that with the second, fitted to it, takes the place of `without`.
 
     Parameters
     ----------
-    command
-        The experiment.
-    first, second
-        Readings with either effect, n values [response]; the second fitted to the first.
     difference
         What fits of the second to the first leave, rms; of a multisine over its whole periods [response].
     over_noise
         The same over the sensor's noise.
     """
 
-    command: Command
-    first: Array
-    second: Array
     difference: float
     over_noise: float
 
@@ -145,21 +141,16 @@ def resolve_effects(
         with_first, left, parts = readings(command)
         if np.isfinite(left).all():
             both = np.concatenate([in_multisine, parts], axis=1)
-            difference = math.sqrt(max(_remaining(*both) - _remaining(*in_multisine), 0.0))
-            with_second = with_first - (left[0] - _share(*both) * left[1])
-            found.append(Separation(command, with_first, with_second, difference, difference / noise))
+            difference = math.sqrt(max(_unexplained(both) - _unexplained(in_multisine), 0.0))
+            with_second = with_first - (left[0] - fit_linear(both[0], both[1:]) @ left[1:])
+            found.append(Separation(command, with_second, with_first, difference, difference / noise))
     found.sort(key=lambda each: each.over_noise, reverse=True)
     return Resolved((first.effect, second.effect), (first.strength, second.strength), noise, tuple(found))
 
 
-def _share(change: Array, other: Array) -> float:
-    """Return the multiple of another change that comes closest to a change."""
-    return float(change @ other / (other @ other)) if other.any() else 0.0
-
-
-def _remaining(change: Array, other: Array) -> float:
-    """Return the squares of a change that a multiple of another one does not explain."""
-    return float(np.sum((change - _share(change, other) * other) ** 2))
+def _unexplained(changes: Array) -> float:
+    """Return the squares of the first of two changes that a multiple of the second does not explain."""
+    return float(np.sum((changes[0] - fit_linear(changes[0], changes[1:]) @ changes[1:]) ** 2))
 
 
 def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:

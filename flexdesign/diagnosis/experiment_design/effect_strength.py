@@ -25,7 +25,7 @@ VISIBLE_SHARE = 0.01
 #: Words by which the catalogue names each kind of experiment.
 KIND_WORDS = {
     "quiet": ("quiet",),
-    "steps": ("steps",),
+    "steps": ("steps", "a step recorded", "resonance"),  # steps, too, make a stage ring
     "multisine": ("multisine", "frequency response", "resonance"),
     "triangle": ("triangle", "slow sine", "small sines", "slow force"),
     "staircase": ("staircase", "bias", "positions"),
@@ -174,9 +174,7 @@ def rms(values: Array) -> float:
 
 def fit_linear(target: Array, columns: Array) -> Array:
     """Return the k factors with which the sum of k columns comes closest to a target; a row for each of several."""
-    scale = np.sqrt(np.mean(columns**2, axis=1))
-    scale[scale == 0.0] = 1.0  # what does not move gets the factor zero
-    return np.asarray(np.linalg.lstsq(columns.T / scale, target.T, rcond=1e-10)[0].T / scale)
+    return np.asarray(np.linalg.lstsq(columns.T, target.T, rcond=None)[0].T)
 
 
 # --- signatures ------------------------------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
-from flexdesign.diagnosis.experiment_design.effect_strength import EffectResponse
 from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.estimation.criterion import significant_deviation
 from flexdesign.report.catalogue import effect_charts
@@ -91,8 +90,7 @@ def _separation(resolved: Resolved, is_assumed: bool) -> Section:
     ]
     figures = []
     for each in resolved.proposed:
-        seen = EffectResponse(each.command, each.second, each.first)
-        chart, words = effect_charts.draw(seen, response, (_display_name(first), f"{_display_name(second)}, fitted"))
+        chart, words = effect_charts.draw(each, response, (_display_name(first), f"{_display_name(second)}, fitted"))
         caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
         figures.append(Figure(f"separates_{each.command.name}.svg", chart, caption))
     title = f"What distinguishes {_display_name(first)} from {_display_name(second)}"
