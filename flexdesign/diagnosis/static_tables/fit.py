@@ -12,12 +12,12 @@ from typing import cast
 import numpy as np
 from scipy.special import chdtri
 
+from flexdesign.analytic import static_model
 from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty
 from flexdesign.analytic.static_model.uncertainty import LEVEL
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Member, Parameter, Reshape
-from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import Value
 from flexdesign.effects import statics
 from flexdesign.estimation.least_squares.dataset import Dataset
@@ -97,7 +97,7 @@ class Trial:
     @cached_property
     def is_adequate(self) -> bool:
         """Tell whether the model agrees with the table."""
-        return compare(self.model, self.table).uncertainty.agrees(self.difference, len(self.free))
+        return static_model.uncertainty(self.model, self.table).agrees(self.difference, len(self.free))
 
     def is_significant_against(self, less: Trial, candidates: int) -> bool:
         """Tell whether the effects that another lacks lower the sum of squares by more than chance does."""
