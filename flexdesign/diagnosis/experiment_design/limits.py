@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from flexdesign.core.errors import InputError
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.axis.axis_model import COMPARED_TOLERANCE, AxisDynamics
-from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.dynamics.stage_model import StageModel
 
 #: Commands are whole multiples of this [V], so that a file holds exactly what was checked.
 COMMAND_GRID = 1e-6
@@ -117,30 +117,27 @@ def of_axis(
         capacitance, sampling or bandwidth do not reach above the resonance, or the slew limit is finer than the grid
         of the commands.
     """
-    axis, file = model.axes[name], f"{model.name or 'stage model'}.toml"
-    low, high, volts_from = _volts(axis, name, file, volts)
+    axis, origin = model.axes[name], dict[str, str]()
+    low, high, origin["volts"] = _volts(model, name, volts)
     capacitance = None
     if axis.actuator is not None and axis.actuator.capacitance is not None:
         capacitance = axis.actuator.capacitance * axis.actuator.count * abs(axis.driver.gain)
-    rate_file, rate_from = ("command line", "--rate") if rate else (file, "controller.rate")
-    slew_file = "command line" if slew else file
-    rate = rate or model.controller.rate
-    slew, slew_from = _slew(axis, name, file, slew, current, capacitance)
+    rate, origin["rate"] = (rate, "--rate") if rate else (model.controller.rate, "controller.rate")
+    slew, origin["slew"] = _slew(model, name, slew, current, capacitance)
     if slew / rate < 100 * COMMAND_GRID:
         remedy = f"allows {slew / rate:.2g} V per sample, less than commands resolve; allow more, or sample slower"
-        raise InputError(slew_file, slew_from, f"{slew:g} V/s", remedy)
+        raise _refused(model, origin["slew"], f"{slew:g} V/s", remedy)
     highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
     wanted, most = ROOM * highest, rate / (2 * ROOM)
     if most < wanted:
         fast = math.ceil(2 * ROOM * wanted - 1e-6)
         remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more"
-        raise InputError(rate_file, rate_from, f"{rate:g} Hz", remedy)
+        raise _refused(model, origin["rate"], f"{rate:g} Hz", remedy)
     if bandwidth is not None and not wanted <= bandwidth <= most:
         what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
         remedy = f"commands must reach from {wanted:.4g} Hz to at most {most:.4g} Hz ({what}); choose between"
-        raise InputError("command line", "--bandwidth", f"{bandwidth:g} Hz", remedy)
-    bandwidth_from = "--bandwidth" if bandwidth else f"{1 / (2 * ROOM):g} of the sampling rate"
-    origin = {"volts": volts_from, "slew": slew_from, "bandwidth": bandwidth_from, "rate": rate_from}
+        raise _refused(model, "--bandwidth", f"{bandwidth:g} Hz", remedy)
+    origin["bandwidth"] = "--bandwidth" if bandwidth else f"{1 / (2 * ROOM):g} of the sampling rate"
     return Limits(low, high, slew, bandwidth or most, rate, capacitance, origin)
 
 
@@ -161,42 +158,48 @@ def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
         f'is missing: no command is written while nothing says how fast the voltage may change; give --slew "2000 V/s" '
         f"{known}; --slew none if nothing limits it"
     )
-    raise InputError(f"{model.name or 'stage model'}.toml", f"axis.{name}.driver.slew", None, remedy)
+    raise _refused(model, f"axis.{name}.driver.slew", None, remedy)
 
 
-def _volts(axis: AxisModel, name: str, file: str, stated: tuple[float, float] | None) -> tuple[float, float, str]:
+def _refused(model: StageModel, field: str, value: str | None, remedy: str) -> InputError:
+    """Return the error of a limit: an option of the command line begins with two hyphens, a field of the model not."""
+    return InputError(
+        "command line" if field[:2] == "--" else f"{model.name or 'stage model'}.toml", field, value, remedy
+    )
+
+
+def _volts(model: StageModel, name: str, stated: tuple[float, float] | None) -> tuple[float, float, str]:
     """Return the lowest and the highest command [V], and where they come from."""
-    low, high = stages.command_limits(axis)
-    origin = f"axis.{name}.actuator.voltage_range and driver.limits"
+    low, high = stages.command_limits(model.axes[name])
     if stated is not None:
         first, last = stated
         if first >= last or first < low or last > high:
             remedy = (
                 f"lies outside of {low:g} V to {high:g} V, what driver and actuator of axis {name} allow; stay within"
             )
-            if first >= last:
-                remedy = "the first must be the lower one"
-            raise InputError("command line", "--volts", f"{first:g} V {last:g} V", remedy)
-        low, high, origin = first, last, "--volts"
+            remedy = "the first must be the lower one" if first >= last else remedy
+            raise _refused(model, "--volts", f"{first:g} V {last:g} V", remedy)
+        return first, last, "--volts"
     if not math.isfinite(high - low):
         remedy = (
             'is missing, so no voltage is known to be safe; write voltage_range = ["0 V", "150 V"], or give --volts'
         )
-        raise InputError(file, f"axis.{name}.actuator.voltage_range", None, remedy)
-    return low, high, origin
+        raise _refused(model, f"axis.{name}.actuator.voltage_range", None, remedy)
+    return low, high, f"axis.{name}.actuator.voltage_range and driver.limits"
 
 
 def _slew(
-    axis: AxisModel, name: str, file: str, slew: float | None, current: float | None, capacitance: float | None
+    model: StageModel, name: str, slew: float | None, current: float | None, capacitance: float | None
 ) -> tuple[float, str]:
     """Return the fastest change of a command [V/s], and where it comes from."""
-    limits = {f"axis.{name}.driver.slew": axis.driver.slew / abs(axis.driver.gain)}
+    driver = model.axes[name].driver
+    limits = {f"axis.{name}.driver.slew": driver.slew / abs(driver.gain)}
     if slew is not None:
         limits["--slew"] = slew
     if current is not None:
         if capacitance is None:
             remedy = 'is missing, so a current says nothing of the slew; write capacitance = "3.6 uF", or give --slew'
-            raise InputError(file, f"axis.{name}.actuator.capacitance", None, remedy)
+            raise _refused(model, f"axis.{name}.actuator.capacitance", None, remedy)
         limits["--current"] = current / capacitance
     slowest = min(limits, key=lambda key: limits[key])
     return limits[slowest], slowest
