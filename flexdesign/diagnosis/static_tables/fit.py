@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
@@ -22,14 +21,12 @@ from flexdesign.diagnosis.result import Value
 from flexdesign.effects import statics
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.least_squares.residual_function import Problem, coordinate, coordinates, value
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates, value
 from flexdesign.estimation.uncertainty.identifiability import profiles_of
 from flexdesign.estimation.uncertainty.intervals import uncertainty
 
 #: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.
 Cases = Mapping[str, tuple[float, ...]]
-#: Fits begin at these multiples of the size at which an effect is shown, and at the negative ones.
-STARTING_MULTIPLES = (1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +124,11 @@ def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, t
     An effect without such a constant is one case, if its start values change the table.
     """
     own, with_it = constant(name), model.with_effect(statics.find(name), name)
-    nominal = {f"{name}.{p.name}": float(p.start or 0.0) for p in statics.find(name).parameters}
     found = dict[int, tuple[float, ...]]()
     predictions = [model.predict(table)]  # of the model itself: what changes nothing is not tried
     for choice in [(float(each),) for each in own.screen] if own else [()]:
-        values = nominal | {f"{name}.{own.name}": number for number in choice if own}
         try:
-            predictions.append(with_it.replace(values).predict(table))
+            predictions.append(with_it.replace(_start_values(name, choice)).predict(table))
         except InputError:  # cannot be built
             continue
         same = next(i for i, other in enumerate(predictions) if np.allclose(other, predictions[-1], rtol=1e-9, atol=0))
@@ -142,44 +137,32 @@ def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, t
 
 
 def fit_with(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | None:
-    """Fit a model with further effects to the same table, from the values of a trial if one is near.
+    """Fit a model with further effects to the same table, from their start values or those of a trial that is near.
 
-    None where no values of theirs give numbers, or there are too few rows.
+    An effect that is there or not, a ``share``, is there. None where the start values give no numbers, or there are too
+    few rows.
     """
-    with_them, held = before.model, dict[str, float]()
+    with_them, free = before.model, list[str]()
     for name, choice in cases.items():
-        with_them = with_them.with_effect(statics.find(name), name)
-        if own := constant(name):
-            held[f"{name}.{own.name}"] = choice[0]
-    theirs = [p for p in with_them.parameters() if p.name.rpartition(".")[0] in cases and p.name not in held]
-    free = [p for p in theirs if not _is_switch(p)]
-    with_them = with_them.replace(held | {p.name: 1.0 for p in theirs if _is_switch(p)})
+        with_them = with_them.with_effect(statics.find(name), name).replace(_start_values(name, choice))
+        fitted = [p for p in statics.find(name).parameters if p != constant(name) and p.name != "share"]
+        free += [f"{name}.{parameter.name}" for parameter in fitted]
     if not free:
         return replace(before, cases=cases, model=with_them)
     if len(free) >= len(before.table.rows):
         return None
     no_offsets = np.zeros((len(before.table.rows), 0)), np.zeros(0)
     dataset = Dataset([before.table], before.noise, lambda _: no_offsets)
-    problem = Problem(dataset, with_them, coordinates(with_them, [p.name for p in free], {}))
-    start = near.solution.x if near and near.solution else _start(problem)
+    problem = Problem(dataset, with_them, coordinates(with_them, free, {}))
+    start = near.solution.x if near and near.solution else problem.where.start
     found = solve(problem, start, small=1e-4)  # a hundredth of a standard deviation
     if found is None:
         return None
     return replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)
 
 
-def _is_switch(parameter: Parameter) -> bool:
-    """Tell whether an effect is there or not, and has no strength to be fitted."""
-    return parameter.name.rpartition(".")[2] == "share"
-
-
-def _start(problem: Problem) -> Array:
-    """Return the best point of a grid."""
-    grids: list[Sequence[float]] = []
-    for parameter in problem.where.parameters:
-        effect, _, name = parameter.name.rpartition(".")
-        size = next(p.start for p in statics.find(effect).parameters if p.name == name) or 1.0
-        tried = [sign * size * by for by in STARTING_MULTIPLES for sign in (1, -1)]
-        grids.append([coordinate(parameter, s) for s in tried if parameter.is_plausible(s)])
-    points = [np.array(point) for point in itertools.product(*grids)]
-    return min(points, key=lambda x: problem.cost(x, problem.residuals(x)))
+def _start_values(name: str, choice: tuple[float, ...]) -> dict[str, float]:
+    """Return the values at which an effect is shown, by dotted name; its discrete constant is the first of a choice."""
+    own = constant(name)
+    chosen = {own.name: choice[0]} if own else {}
+    return {f"{name}.{p.name}": chosen.get(p.name, float(p.start or 0.0)) for p in statics.find(name).parameters}
