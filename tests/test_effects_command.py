@@ -169,7 +169,7 @@ def test_an_effect_of_one_s_own_has_a_page_too(tmp_path: Path, command_line: Run
     [
         (("crep",), "did you mean creep?"),
         (("missing.py",), "is no Python file"),
-        (("creep", "--axis", "q"), "is no axis of the model"),
+        (("creep", "--axis", "q"), "the model has no such axis"),
         (("creep", "--model", "nowhere"), "nowhere"),
     ],
 )

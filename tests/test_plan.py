@@ -336,7 +336,7 @@ def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
     [
         ((), "axis.x.driver.slew: is missing: no command is written"),
         (("--current", "50 mA"), "axis.x.actuator.capacitance: is missing"),
-        (("--axis", "q"), "is no axis of the model; it has x, y, z"),
+        (("--axis", "q"), "the model has no such axis; it has x, y, z"),
         (("--slew", "5 mm"), "--slew = 5 mm"),
         (("--rate", "-5 Hz"), "must be more than zero"),
         (("--resolve", "creep", "nonsense", "--slew", "none"), "is not a known effect"),

@@ -136,9 +136,10 @@ def _signature(name: str, model: str, axis: str | None, overrides: list[str]) ->
     """Return the signature of an effect on an axis of a stage model, and the title of the stage."""
     from flexdesign.diagnosis import experiment_design
     from flexdesign.dynamics import stage_model
+    from flexdesign.dynamics.axis.axis_choice import choose_axis
 
     stage = stage_model.read(model, overrides)
-    chosen = experiment_design.axis(stage, axis)
+    chosen = choose_axis(stage, [], axis or next(iter(stage.axes)))
     on = {"title": stage.title or stage.name, "changes": ""}
     if model == STAGE and not overrides:
         stage, on["changes"] = stage_model.read(model, [each.format(axis=chosen) for each in SHOWN]), RINGS

@@ -10,7 +10,7 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
     signature_of,
 )
 from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
-from flexdesign.diagnosis.experiment_design.limits import Limits, axis, dynamics, of_axis
+from flexdesign.diagnosis.experiment_design.limits import Limits, dynamics, of_axis
 
 __all__ = [
     "Command",
@@ -18,7 +18,6 @@ __all__ = [
     "Limits",
     "Resolved",
     "Signature",
-    "axis",
     "dynamics",
     "of_axis",
     "on",

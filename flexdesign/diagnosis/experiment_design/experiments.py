@@ -22,7 +22,6 @@ from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.trajectories import Multisine
-from flexdesign.measurements.recordings import Role
 
 #: Peak to peak of the multisines, per range of voltage: the noise dominates the first, nonlinearity the last.
 MULTISINE_LEVELS = {"small": 0.04, "medium": 0.2, "large": 0.6}
@@ -143,53 +142,47 @@ class _Maker:
         return np.full(round(duration * self.limits.rate) + 1, self.limits.home)
 
     def levels(
-        self, name: str, kind: str, purpose: str, shares: Sequence[float] | Array, dwell: float | Array,
-        role: Role = "identify",
-    ) -> Command:  # fmt: skip
+        self, name: str, kind: str, purpose: str, shares: Sequence[float] | Array, dwell: float | Array, **more: Any
+    ) -> Command:
         """Return levels, given as shares of the range, each held for a time [s]; a single one is marked."""
         points = [(self.limits.level(float(s)), float(d)) for s, d in np.broadcast(shares, dwell)]
         inner, marks = path(self.limits, points)
-        samples, begins = self.framed(inner, 0.0)
-        times = tuple(begins + mark for mark in (marks or (0.0,)))
-        return self.command(name, kind, purpose, samples, role=role, marks=times)
+        return self.framed(name, kind, purpose, inner, 0.0, marks or (0.0,), **more)
 
-    def framed(self, samples: Array, before: float) -> tuple[Array, float]:
-        """Return samples after a gentle way from home and a rest [s], and before the way home; and when they begin."""
+    def framed(
+        self, name: str, kind: str, purpose: str, samples: Array, rest: float, marks: Sequence[float], **more: Any
+    ) -> Command:
+        """Return samples [V] after a gentle way from home and a rest [s], and before the way home.
+
+        The moments `marks` [s] count from the first of the samples on.
+        """
         limits, slow = self.limits, self.settling
-        first, _ = path(limits, [(limits.home, 0.2), (float(samples[0]), before)], slow)
+        first, _ = path(limits, [(limits.home, 0.2), (float(samples[0]), rest)], slow)
         last, _ = path(limits, [(float(samples[-1]), 0.0), (limits.home, self.settling)], slow)
-        return np.concatenate([first, samples, last[1:]]), len(first) * self.period
+        marks = tuple(len(first) * self.period + mark for mark in marks)
+        return self.command(name, kind, purpose, np.concatenate([first, samples, last[1:]]), marks=marks, **more)
 
-    def within(self, name: str, wave: Array, size: float) -> tuple[Array, float, float, str]:
-        """Return a wave about the middle of the range, as large as the limits allow.
+    def within(
+        self, name: str, kind: str, purpose: str, wave: Array, size: float, marks: Sequence[float] = (), **more: Any
+    ) -> Command:
+        """Return a wave, from -1 to 1, about the middle of the range, as large as the limits allow.
 
-        Its slope stays within the slew limit, and the motion that the model predicts within the static range: at a
-        resonance a small tone moves far.
-
-        Parameters
-        ----------
-        name
-            Of the experiment.
-        wave
-            From -1 to 1.
-        size
-            Wanted peak to peak, as a share of the range.
-
-        Returns
-        -------
-        The command, when the wave begins [s], its share of the range, and the limit that requires less than wanted.
+        Its peak to peak is at most the share `size` of the range. Its slope stays within the slew limit, and the motion
+        that the model predicts within the static range: at a resonance a small tone moves far.
         """
         whole = 0.5 * size * self.limits.span * wave
 
-        def make(share: float) -> tuple[Array, float]:
-            return self.framed(self.limits.level(0.5) + share * whole, self.settling)
+        def make(share: float, why: str) -> Command:
+            scaled = f"reduced to {100 * share:.0f} % by the {why}" if why else ""
+            samples = self.limits.level(0.5) + share * whole
+            return self.framed(name, kind, purpose, samples, self.settling, marks, scaled=scaled, **more)
 
         share, why = self.limits.step / np.abs(np.diff(whole)).max() * (1 - 1e-9), "slew limit"
         if share > 1:
             share, why = 1.0, ""
         middle, half = self._static_range
         for _ in range(3):  # hysteresis makes the motion grow by a little less than the command
-            far = float(np.abs(self._motion(make(share)[0]) - middle).max())
+            far = float(np.abs(self._motion(make(share, why)) - middle).max())
             if half > 0 and not far <= half:  # also where the motion runs away
                 share, why = 0.98 * share * half / far if math.isfinite(far) else 0.0, "range of motion"
         if share * size < VISIBLE_SHARE:
@@ -197,7 +190,7 @@ class _Maker:
                 f"{why} leaves {100 * share * size:.2g} % of the range, which shows no effect; allow a faster slew, "
             )
             raise InputError("command line", "plan", name, f"{remedy}or a lower --bandwidth")
-        return *make(share), share * size, f"reduced to {100 * share:.0f} % by the {why}" if why else ""
+        return make(share, why)
 
     @cached_property
     def _static_range(self) -> tuple[float, float]:
@@ -205,12 +198,12 @@ class _Maker:
         limits = self.limits
         there = math.ceil(max(self.settling, limits.span / limits.slew) * limits.rate) + 1
         corners = [limits.home, limits.high, limits.low, limits.high]
-        motion = self._motion(np.interp(np.arange(3 * there + 1) / there, np.arange(4), corners))
+        swept = np.interp(np.arange(3 * there + 1) / there, np.arange(4), corners)
+        motion = self._motion(self.command("swept", "triangle", "", swept))
         return 0.5 * float(motion.max() + motion.min()), 0.5 * float(np.ptp(motion))
 
-    def _motion(self, samples: Array) -> Array:
-        tried = self.command("tried", "sine", "", samples)
-        return self.model.predict(tried.run(self.model.name, self.model.axis.response))
+    def _motion(self, command: Command) -> Array:
+        return self.model.predict(command.run(self.model.name, self.model.axis.response))
 
     def multisine(self, level: str, realisation: str) -> Command:
         """Return a multisine of one level: a period in which the stage settles, and two that differ by noise alone."""
@@ -223,11 +216,12 @@ class _Maker:
             **texts,
         }
         tones = Multisine.model_validate(shape).sampled(self.period)[: round(self.limits.rate / self.resolution)]
-        name, period = f"multisine_{level}_{realisation}", 1 / self.resolution
-        samples, begins, share, why = self.within(name, np.tile(tones, 3), MULTISINE_LEVELS[level])
-        purpose = f"resonance, damping, delay at {100 * share:.2g} % of the range, phases {realisation}"
-        marks = tuple(begins + k * period for k in (1, 2, 3))
-        return self.command(name, "multisine", purpose, samples, marks=marks, cycle=period, scaled=why)
+        size, period = MULTISINE_LEVELS[level], 1 / self.resolution
+        purpose = f"resonance, damping, delay at {100 * size:g} % of the range, phases {realisation}"
+        return self.within(
+            f"multisine_{level}_{realisation}", "multisine", purpose, np.tile(tones, 3), size,
+            marks=(period, 2 * period, 3 * period), cycle=period,
+        )  # fmt: skip
 
     def triangles(self) -> Iterator[Command]:
         """Yield triangles over the whole range at two rates."""
@@ -243,9 +237,6 @@ class _Maker:
 
     def decaying_sine(self, cycles: int) -> Command:
         """Return a slow sine over the whole range whose cycles become smaller."""
-        rate = self.limits.rate
-        turns = np.arange(round(cycles / self.gentle * rate) + 1) * self.gentle / rate
+        turns = np.arange(round(cycles / self.gentle / self.period) + 1) * self.gentle * self.period
         wave = np.sin(2 * np.pi * turns) * np.exp(-3 * turns / cycles)
-        samples, _, _, why = self.within("decaying_sine", wave, 1.0)
-        purpose = "validation: loops of every size"
-        return self.command("decaying_sine", "sine", purpose, samples, role="validate", scaled=why)
+        return self.within("decaying_sine", "sine", "validation: loops of every size", wave, 1.0, role="validate")

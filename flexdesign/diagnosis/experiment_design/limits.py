@@ -70,21 +70,6 @@ class Limits:
         return None if self.capacitance is None else self.capacitance * slew
 
 
-def axis(model: StageModel, name: str | None) -> str:
-    """Return the axis that is meant: the one named, or the first.
-
-    Raises
-    ------
-    InputError
-        If the model has no such axis.
-    """
-    if name is None:
-        return next(iter(model.axes))
-    if name not in model.axes:
-        raise InputError("command line", "--axis", name, f"is no axis of the model; it has {', '.join(model.axes)}")
-    return name
-
-
 def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
     """Return an axis as it is simulated on the bench, its stroke that of the limits."""
     max_command = max(abs(limits.low), abs(limits.high))

@@ -22,6 +22,7 @@ from flexdesign.diagnosis.experiment_design.discrimination import (
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, other_excitations, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.diagnosis.preparation.dataset import OF_STROKE
+from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import AXES, DESCRIPTION
 
@@ -146,7 +147,7 @@ def plan_experiments(
     InputError
         If a number cannot be used, or nothing says how fast the voltage may change.
     """
-    chosen = limits.axis(model, axis)
+    chosen = choose_axis(model, [], axis or next(iter(model.axes)))
     axis_model = model.axes[chosen]
     kept = limits.of_axis(
         model,

@@ -22,9 +22,8 @@ def choose_axis(model: StageModel, runs: Sequence[Run | FrequencyResponse], requ
     known = list(model.axes)
     if requested is not None:
         if requested not in known:
-            raise InputError(
-                "command line", "--axis", requested, f"the model has no such axis{suggest(requested, known)}"
-            )
+            remedy = f"the model has no such axis; it has {', '.join(known)}"
+            raise InputError("command line", "--axis", requested, remedy)
         return requested
     common = [name for name in known if all(name in run.responses for run in runs)]
     if len(common) == 1:
