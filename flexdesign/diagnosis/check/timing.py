@@ -12,22 +12,22 @@ from typing import Literal
 
 import numpy as np
 
+from flexdesign.estimation.criterion import SHARE
+from flexdesign.estimation.noise.quiet_stretches import HIGHEST_ORDER
 from flexdesign.measurements.noise_level.noise_floor import STANDARD_ERRORS
 from flexdesign.measurements.recordings import Run
 from flexdesign.measurements.recordings.run import commanded_by
-
-#: Past samples in the sum: one mode has two, and what is found must hold with more.
-MODEL_ORDERS = (4, 8, 16)
-#: A weight below this share of the largest is none.
-ZERO_WEIGHT = 0.05
 
 #: The reading answers a sample of the command that is still to come; the command is held, or linear, between samples.
 Timing = Literal["early", "held", "linear"]
 
 
 def timing_of(run: Run, response: str) -> Timing | None:
-    """Return how a response follows its command; None if that is unknown, as in a closed loop."""
-    found = {_timing(run, response, order) for order in MODEL_ORDERS}
+    """Return how a response follows its command; None if that is unknown, as in a closed loop.
+
+    The sum has as many past samples as a model of noise may have; what is found must hold with a quarter of them.
+    """
+    found = {_timing(run, response, order) for order in (HIGHEST_ORDER // 4, HIGHEST_ORDER)}
     return found.pop() if len(found) == 1 else None
 
 
@@ -48,7 +48,7 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
     weights = np.linalg.lstsq(matrix, target, rcond=None)[0]
     variance = np.sum((target - matrix @ weights) ** 2) / (len(target) - len(weights))
     errors = STANDARD_ERRORS * np.sqrt(np.maximum(variance * np.diag(np.linalg.pinv(matrix.T @ matrix)), 0.0))
-    least = ZERO_WEIGHT * np.abs(weights[: len(sent)]).max()
+    least = SHARE * np.abs(weights[: len(sent)]).max()
     coming, same, last = np.abs(weights[:3]) > np.maximum(errors[:3], least)
     if coming:
         return "early"

@@ -204,13 +204,13 @@ def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
     >>> round(correlation([(np.sin(t), -2 * np.sin(t)), (np.cos(t) + 5, -np.cos(t))]), 3)
     -1.0
     """
-    both, of_measured, of_predicted = 0.0, 0.0, 0.0
-    for measured, predicted in runs:
-        seen = np.isfinite(measured) & np.isfinite(predicted)
-        if seen.any():
-            a, b = (values[seen] - values[seen].mean() for values in (measured, predicted))
-            both, of_measured, of_predicted = both + a @ b, of_measured + a @ a, of_predicted + b @ b
-    return float(both / math.sqrt(of_measured * of_predicted)) if of_measured and of_predicted else math.nan
+    squares = np.zeros((2, 2))
+    for pair in map(np.stack, runs):
+        seen = pair[:, np.isfinite(pair).all(axis=0)]
+        if seen.size:
+            squares += len(seen.T) * np.cov(seen, bias=True)
+    size = math.sqrt(squares[0, 0] * squares[1, 1])
+    return float(squares[0, 1] / size) if size else math.nan
 
 
 def reversal_question(found: float) -> str:
@@ -230,10 +230,11 @@ def reversal_doubt(runs: Sequence[Run], responses: Sequence[FrequencyResponse], 
     size.
     """
     moving = [run for run in runs if run.name in residuals and np.ptp(run.command())]
-    doubt = reversal_question(correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving))
-    cosines = list[Array]()
+    found = correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving)
+    cosines = [np.zeros(0)]
     for each in responses:
         real, imaginary = np.split(each.measured() - residuals[each.name], 2)
         both = each.response * (real - 1j * imaginary)
         cosines.append(np.cos(np.angle(both[each.present & (both != 0)])))
-    return doubt or (reversal_question(float(np.mean(np.concatenate(cosines)))) if cosines else "")
+    lines = np.concatenate(cosines)
+    return reversal_question(found) or reversal_question(float(lines.mean()) if len(lines) else math.nan)
