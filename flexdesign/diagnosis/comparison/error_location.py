@@ -17,8 +17,6 @@ from flexdesign.measurements.recordings import Run
 
 #: Regions of position and of voltage.
 REGIONS = 5
-#: A stage is fast above this share of its rms speed.
-FAST_SPEED = 0.5
 
 
 @dataclass(frozen=True)
@@ -151,9 +149,11 @@ def where(
         return between(values, np.linspace(values.min(), values.max(), REGIONS + 1).tolist())
 
     response = runs[0].si[runs[0].responses[0]] if len(runs[0].responses) == 1 else "m"
-    most, fast = float(np.abs(velocity).max()), FAST_SPEED * float(np.sqrt(np.mean(velocity**2)))
-    # The stage rests below the speed of a ramp over the longest run.
-    slow = min(float(np.ptp(position)) / max(run.time[-1] - run.time[0] for run in runs), fast)
+    # The stage rests below the speed of a ramp over the longest run, and is fast above the geometric mean of this and
+    # its highest speed.
+    most = float(np.abs(velocity).max())
+    slow = min(float(np.ptp(position)) / max(run.time[-1] - run.time[0] for run in runs), most)
+    fast = math.sqrt(slow * most)
     motions = ["down fast", "down slowly", "at rest", "up slowly", "up fast"]
     nowhere = [(math.nan, math.nan)] * len(runs)
     made = [
