@@ -26,11 +26,10 @@ from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fit_with
 from flexdesign.effects import statics
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 
-#: Effects that are named only if no other explains the table: turned arms imitate any offset that was not drawn, and
-#: most tables are measured at rest. They are not tried in pairs.
-TRIED_LAST = ("geometric_stiffening",)
-#: The same for a table of several parts: the same member seldom deviates alike in parts that were made one by one.
-TRIED_LAST_OF_SEVERAL = ("one_member",)
+#: Effects that are not tried in pairs, and are named only if no other explains the table: turned arms imitate any
+#: offset that was not drawn, and most tables are measured at rest; the same member seldom deviates alike in parts that
+#: were made one by one. Of a single part, one member is as likely as any other effect.
+SELDOM = ("geometric_stiffening", "one_member")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +102,15 @@ def diagnose(
     nearest, explanations = before, list[Trial]()
     if not before.is_adequate:
         nearest = next((trial for trial in singles if trial.is_significant_against(before, len(singles))), before)
-        last = (*TRIED_LAST, *(TRIED_LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
+        last = SELDOM if len({row.part for row in table.rows}) > 1 else SELDOM[:1]
         every = _accepted_trials(before, singles, len(singles))
         first = _accepted_trials(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
         explanations = first or every
         seldom = {statics.find(t.names[0]).name.replace("_", " ") for t in every if t not in explanations}
         remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(seldom))
         if not explanations:
-            # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
-            slow = {*TRIED_LAST, *(TRIED_LAST_OF_SEVERAL if any(row.load for row in table.rows) else ())}
-            pairs = _sort(
-                fit_with(before, pair) for pair in _pairs([c for c in candidates if not {*c} & slow], progress)
-            )
+            usual = [case for case in candidates if not {*case} & {*SELDOM}]
+            pairs = _sort(fit_with(before, pair) for pair in _pairs(usual, progress))
             # Two causes, of which one contradicts the design, are believed of nothing.
             sound = [trial for trial in pairs if not trial.excess_modulus(before)]
             explanations, tried = _accepted_trials(nearest, sound, len(pairs)), [*singles, *pairs]
