@@ -134,14 +134,12 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     responses = [each for each in recordings if isinstance(each, FrequencyResponse)]
     parts = split(runs, test=True) if runs else ()
     suspicions = suspicion.of_runs(runs, parts)
-    floors = {
-        axis: noise_floor([run for run in runs if axis in run.columns], axis)
-        for axis in dict.fromkeys(axis for run in runs for axis in run.responses)
-    }
-    for axis, noise_rms in floors.items():
-        suspicions += suspicion.of_noise(axis, noise_rms)
-        level = min(noise_rms.rms.values()) if noise_rms.known else None
+    floors = dict[str, NoiseFloor]()
+    for axis in dict.fromkeys(axis for run in runs for axis in run.responses):
         there = [run for run in runs if axis in run.columns]
+        floors[axis] = noise = noise_floor(there, axis)
+        suspicions += suspicion.of_noise(axis, noise)
+        level = min(noise.rms.values()) if noise.known else None
         if found := oversampling_of(there, axis, usual_tolerance(measured_stroke(there, axis), level)):
             suspicions.append(Suspicion("", *found))
     suspicions += [each for response in responses for each in suspicion.of_response(response)]
@@ -151,7 +149,7 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
         tuple(_run(each, parts, floors) if isinstance(each, Run) else _lines(each) for each in recordings),
         tuple(dict.fromkeys(suspicions)),
         coverage.coverage(list(kinds)) if recordings else (),
-        {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
+        {axis: noise.source if noise.known else "unknown" for axis, noise in floors.items()},
         tuple(tables),
         tuple(recordings),
     )

@@ -120,8 +120,7 @@ def resolve_effects(
     shown = [signature_of(on(plain, name), [standard]) for name in names]
     first, second = (each if each.visible else signature_of(each.effect, experiments) for each in shown)
     compared = [each.effect.at(each.strength) for each in (first, second)]
-    names = ("gain", "damping_ratio")
-    recalibrated = [plain.replace({name: (1 + VISIBLE_SHARE) * getattr(plain.axis, name)}) for name in names]
+    numbers = {name: (1 + VISIBLE_SHARE) * getattr(plain.axis, name) for name in ("gain", "damping_ratio")}
 
     def readings(command: Command) -> tuple[Array, Array, Array]:
         """Return the reading with the first effect, and what gain, damping and offset leave of the change by either.
@@ -129,12 +128,12 @@ def resolve_effects(
         And of the latter the samples that are compared, divided by the root of their number.
         """
         cut, exact = steady(command), exact_reading(plain, command)
-        first_reading, *_ = with_effects = [reading(each, command) for each in compared]
-        changed = np.stack([each - reading(plain, command) for each in with_effects])
-        columns = np.stack([exact_reading(each, command) - exact for each in recalibrated])
-        changed, columns = (rows - rows[:, cut].mean(axis=1, keepdims=True) for rows in (changed, columns))
+        with_effects = np.stack([reading(each, command) for each in compared])
+        changed = with_effects - reading(plain, command)
+        recalibrated = [exact_reading(plain.replace({name: number}), command) for name, number in numbers.items()]
+        columns = np.stack([*(each - exact for each in recalibrated), np.ones(len(exact))])
         left = changed - fit_linear(changed[:, cut], columns[:, cut]) @ columns
-        return first_reading, left, left[:, cut] / math.sqrt(left[:, cut].shape[1])
+        return with_effects[0], left, left[:, cut] / math.sqrt(left[:, cut].shape[1])
 
     in_multisine, found = readings(standard)[2], list[Separation]()
     for command in experiments:
