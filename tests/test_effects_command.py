@@ -56,7 +56,7 @@ def shown() -> Callable[[str], experiment_design.Signature]:
     model = stage_model.read("lin2019_stage", ["axis.x.damping_ratio=0.0242", 'axis.x.sensor.resolution="0 um"'])
     limits = experiment_design.of_axis(model, "x")
     dynamics = experiment_design.dynamics(model, "x", limits)
-    menu = [*experiment_design.suite_of(dynamics, limits), *experiment_design.other_excitations(dynamics, limits)]
+    menu = experiment_design.suite_of(dynamics, limits)
     return lambda name: experiment_design.signature_of(experiment_design.on(dynamics, name), menu)
 
 

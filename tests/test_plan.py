@@ -241,10 +241,7 @@ def menu() -> tuple[AxisDynamics, list[experiment_design.Command]]:
     model = stage_model.read("lin2019_stage", changes)
     limits = experiment_design.of_axis(model, "x")
     dynamics = experiment_design.dynamics(model, "x", limits)
-    return dynamics, [
-        *experiment_design.suite_of(dynamics, limits),
-        *experiment_design.other_excitations(dynamics, limits),
-    ]
+    return dynamics, list(experiment_design.suite_of(dynamics, limits))
 
 
 @pytest.mark.parametrize(

@@ -145,8 +145,5 @@ def _signature(name: str, model: str, axis: str | None, overrides: list[str]) ->
         stage, on["changes"] = stage_model.read(model, [each.format(axis=chosen) for each in SHOWN]), RINGS
     limits = experiment_design.of_axis(stage, chosen)
     dynamics = experiment_design.dynamics(stage, chosen, limits)
-    experiments = [
-        *experiment_design.suite_of(dynamics, limits),
-        *experiment_design.other_excitations(dynamics, limits),
-    ]
+    experiments = experiment_design.suite_of(dynamics, limits)
     return experiment_design.signature_of(experiment_design.on(dynamics, name), experiments), on

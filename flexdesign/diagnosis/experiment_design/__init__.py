@@ -9,7 +9,7 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
     reading,
     signature_of,
 )
-from flexdesign.diagnosis.experiment_design.experiments import other_excitations, suite_of
+from flexdesign.diagnosis.experiment_design.experiments import suite_of
 from flexdesign.diagnosis.experiment_design.limits import Limits, dynamics, of_axis
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "dynamics",
     "of_axis",
     "on",
-    "other_excitations",
     "proposals",
     "reading",
     "resolve_effects",

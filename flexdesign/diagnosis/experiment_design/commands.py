@@ -61,6 +61,11 @@ class Command:
     scaled: str = ""
 
     @property
+    def is_file(self) -> bool:
+        """Whether its file is all that acts on the stage, but for a mass that is added before."""
+        return not (self.push or self.recorded)
+
+    @property
     def time(self) -> Array:
         """Moments of the samples [s]."""
         return self.period * np.arange(len(self.samples), dtype=np.float64)

@@ -25,7 +25,7 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
     reading,
     signature_of,
 )
-from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, other_excitations, suite_of
+from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, suite_of
 from flexdesign.diagnosis.experiment_design.limits import dynamics, of_axis
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import Diagnosis
@@ -74,6 +74,12 @@ class Resolved:
     strengths: tuple[float, float]
     noise: float
     separations: tuple[Separation, ...]
+
+    @property
+    def required(self) -> frozenset[str]:
+        """Names of the proposed experiments, of the record of the noise, and of what an added mass repeats."""
+        repeated = {SAME_WITH_MASS} if any(each.command.mass_ratio for each in self.proposed) else set()
+        return frozenset({each.command.name for each in self.proposed} | {"quiet"} | repeated)
 
     @property
     def proposed(self) -> tuple[Separation, ...]:
@@ -152,17 +158,6 @@ def _unexplained(changes: Array) -> float:
     return float(np.sum((changes[0] - fit_linear(changes[0], changes[1:]) @ changes[1:]) ** 2))
 
 
-def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
-    """Return those of the experiments that distinguish two effects, and the record of the noise.
-
-    The added mass repeats a multisine, which is then needed as well.
-    """
-    wanted = {each.command.name for each in resolved.proposed} | {"quiet"}
-    if any(each.command.mass_ratio for each in resolved.proposed):
-        wanted.add(SAME_WITH_MASS)
-    return tuple(command for command in experiments if command.name in wanted)
-
-
 def steady(command: Command) -> slice:
     """Return the samples that are compared: of a multisine its whole periods, without the ramps before and after."""
     if command.kind != "multisine":
@@ -209,7 +204,7 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
             controller = replace(controller, rate=min(controller.rate, FEWEST_PER_PERIOD * highest))
             limits = of_axis(replace(found.model, controller=controller), found.axis)
             model = dynamics(found.model, found.axis, limits)
-            menu = [*suite_of(model, limits), *other_excitations(model, limits)]
+            menu = suite_of(model, limits)
             for other in group[1:]:
                 progress(f"simulating what distinguishes {group[0]} from {other}")
                 resolved.append(resolve_effects(model, (group[0], other), menu, found.noise_floor))

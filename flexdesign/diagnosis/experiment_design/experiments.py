@@ -36,7 +36,7 @@ SAME_WITH_MASS = "multisine_medium_a"
 
 
 def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Command, ...]:
-    """Return the experiments for an axis, in the order in which to run them.
+    """Return the experiments for an axis, in the order in which to run them; last those in which no command moves.
 
     Parameters
     ----------
@@ -86,33 +86,8 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
         mass = units.to_text(ADDED_MASS * model.axis.mass, "g", 2, "kg")
         note = f"fix {mass} to the output (a tenth of the model's moving mass), weighed to 1 %"
     purpose = "distinguishes a mass from a stiffness, and checks the moving mass"
-    return (*made, replace(same, name="added_mass", purpose=purpose, mass_ratio=ADDED_MASS, note=note))
-
-
-def other_excitations(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
-    """Return experiments in which something else than the command acts: a push, another axis, the temperature.
-
-    They belong to the menu of what can distinguish effects; no command file can do them alone.
-    """
-    maker = _Maker(model, limits, 0)
-    rest, slow, other = maker.rest, maker.still(STEP_HOLD), other_than(model.name)
-    motion = 0.25 * model.stroke * (1 - np.cos(np.linspace(0, 4 * np.pi, len(rest))))
-    return (
-        maker.command(
-            "static_push", "push", "the stiffness at the output", rest, push=VISIBLE_SHARE * model.stroke,
-            note="load the output with a known force, such as a weight on a string, while the command rests",
-        ),
-        maker.command(
-            "other_axis", "other axis", f"what axis {other} does to this one", rest, recorded={other: motion},
-            note=f"move axis {other} over half its range, twice, while this one rests; record both",
-        ),
-        maker.command(
-            "warming", "temperature", "what warmth does", slow,
-            recorded={"T": np.linspace(0, WARMING, len(slow))},
-            note=f"let the room or the driver warm the stage by {WARMING:g} K or more while the command rests; record "
-            "the temperature",
-        ),
-    )  # fmt: skip
+    added_mass = replace(same, name="added_mass", purpose=purpose, mass_ratio=ADDED_MASS, note=note)
+    return (*made, added_mass, *maker.other_excitations())
 
 
 class _Maker:
@@ -240,3 +215,21 @@ class _Maker:
         turns = np.arange(round(cycles / self.gentle / self.period) + 1) * self.gentle * self.period
         wave = np.sin(2 * np.pi * turns) * np.exp(-3 * turns / cycles)
         return self.within("decaying_sine", "sine", "validation: loops of every size", wave, 1.0, role="validate")
+
+    def other_excitations(self) -> Iterator[Command]:
+        """Yield experiments in which something else than the command acts: a push, another axis, the temperature."""
+        slow, other = self.still(STEP_HOLD), other_than(self.model.name)
+        motion = 0.25 * self.model.stroke * (1 - np.cos(np.linspace(0, 4 * np.pi, len(self.rest))))
+        yield self.command(
+            "static_push", "push", "the stiffness at the output", self.rest, push=VISIBLE_SHARE * self.model.stroke,
+            note="load the output with a known force, such as a weight on a string, while the command rests",
+        )  # fmt: skip
+        yield self.command(
+            "other_axis", "other axis", f"what axis {other} does to this one", self.rest, recorded={other: motion},
+            note=f"move axis {other} over half its range, twice, while this one rests; record both",
+        )  # fmt: skip
+        yield self.command(
+            "warming", "temperature", "what warmth does", slow, recorded={"T": np.linspace(0, WARMING, len(slow))},
+            note=f"let the room or the driver warm the stage by {WARMING:g} K or more while the command rests; record "
+            "the temperature",
+        )  # fmt: skip

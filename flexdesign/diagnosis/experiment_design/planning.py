@@ -14,12 +14,8 @@ from flexdesign.core.toml_writing import with_comment
 from flexdesign.core.whole_files import written_whole
 from flexdesign.diagnosis.experiment_design import limits
 from flexdesign.diagnosis.experiment_design.commands import Command
-from flexdesign.diagnosis.experiment_design.discrimination import (
-    Resolved,
-    required_experiments,
-    resolve_effects,
-)
-from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, other_excitations, suite_of
+from flexdesign.diagnosis.experiment_design.discrimination import Resolved, resolve_effects
+from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.diagnosis.preparation.dataset import OF_STROKE
 from flexdesign.dynamics.axis.axis_choice import choose_axis
@@ -163,12 +159,12 @@ def plan_experiments(
         limits.require_slew_limit(model, chosen, kept)
     progress("shaping the commands")
     dynamics = limits.dynamics(model, chosen, kept)
-    commands, resolved = suite_of(dynamics, kept, seed), None
+    experiments, resolved = suite_of(dynamics, kept, seed), None
+    commands = [command for command in experiments if command.is_file]
     if resolve:
         progress(f"simulating {resolve[0]} and {resolve[1]}")
-        menu = [*commands, *other_excitations(dynamics, kept)]
-        resolved = resolve_effects(dynamics, resolve, menu, noise or OF_STROKE * dynamics.stroke)
-        commands = required_experiments(commands, resolved)
+        resolved = resolve_effects(dynamics, resolve, experiments, noise or OF_STROKE * dynamics.stroke)
+        commands = [command for command in commands if command.name in resolved.required]
     title = f"{model.title or model.name}: axis {chosen} on the bench"
     return Plan(title, chosen, axis_model, commands, kept, resolved, noise, seed)
 
