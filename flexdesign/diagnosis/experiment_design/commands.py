@@ -1,16 +1,14 @@
-"""Commands for the bench: what is sent, what it is for, and the shapes it is put together from."""
+"""A command for the bench: what is sent, what it is for, and what else happens."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.unit_tables import KELVIN
-from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits
 from flexdesign.measurements.recordings import AXES, Role, Run
 
 
@@ -100,58 +98,3 @@ class Command:
 def other_than(axis: str) -> str:
     """Return the name of another axis of a stage."""
     return next(name for name in AXES if name != axis)
-
-
-def on_grid(samples: Array, limits: Limits) -> Array:
-    """Return a command in whole multiples of the grid, within the voltage range [V].
-
-    Rounding is to the nearest multiple; one that the ends of the range cut off is the last within.
-    """
-    first, last = math.ceil(limits.low / COMMAND_GRID - 1e-9), math.floor(limits.high / COMMAND_GRID + 1e-9)
-    # Divided by a whole number: the nearest double of the decimal that a file holds.
-    return np.clip(np.rint(samples / COMMAND_GRID), first, last) / round(1 / COMMAND_GRID)
-
-
-def path(limits: Limits, points: Sequence[tuple[float, float]], gentle: float = 0.0) -> tuple[Array, tuple[float, ...]]:
-    """Return levels joined by ramps, and when each ramp begins [s].
-
-    Parameters
-    ----------
-    limits
-        Of their slew and bandwidth.
-    points
-        Levels [V], each with the time for which it is held [s].
-    gentle
-        A ramp takes at least this long, and has no corners [s]; zero for straight ones.
-    """
-    pieces, begins, level, count = [], [], points[0][0], 0
-    for target, dwell in points:
-        if target != level:
-            begins.append(count / limits.rate)
-            pieces.append(ramp(limits, level, target, gentle))
-            count += len(pieces[-1])
-        held = max(1, round(dwell * limits.rate))
-        pieces.append(np.full(held, target))
-        count, level = count + held, target
-    return np.concatenate(pieces), tuple(begins)
-
-
-def ramp(limits: Limits, start: float, end: float, gentle: float = 0.0) -> Array:
-    """Return the samples between two levels, neither of them included: none where the command may jump.
-
-    A gentle way is half a cosine, which leaves a mode of a few of its periods' length nearly at rest.
-    """
-    # As a low-pass of first order rises from 10 to 90 %, which is 0.8 of a ramp.
-    ramp_time = math.log(9) / (2 * math.pi * limits.bandwidth) / 0.8
-    slowest = abs(end - start) / limits.step * (0.5 * math.pi if gentle else 1.0)
-    samples = max(1, math.ceil(max(ramp_time, gentle) * limits.rate - 0.5), math.ceil(slowest))
-    share = np.arange(1, samples) / samples
-    return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share) if gentle else share)
-
-
-def triangle(limits: Limits, frequency: float, cycles: int) -> Array:
-    """Return cycles between both ends of the range at constant rate, from home and back [V]."""
-    rate = 2 * limits.span * frequency
-    corners = [limits.home, *([limits.high, limits.low] * cycles), limits.home]
-    times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)) / rate)])
-    return np.interp(np.arange(math.ceil(times[-1] * limits.rate) + 1) / limits.rate, times, corners)

@@ -17,9 +17,9 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.experiment_design.commands import Command, on_grid, other_than, path, triangle
+from flexdesign.diagnosis.experiment_design.commands import Command, other_than
 from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
-from flexdesign.diagnosis.experiment_design.limits import Limits
+from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.trajectories import Multisine
 
@@ -109,8 +109,12 @@ class _Maker:
         self.rest = self.still(2.0)  # a hundred periods of mains hum
 
     def command(self, name: str, kind: str, purpose: str, samples: Array, **more: Any) -> Command:
-        """Return samples [V] as a command, rounded to the grid."""
-        return Command(name, kind, purpose, on_grid(samples, self.limits), self.period, **more)
+        """Return samples [V] as a command, rounded to multiples of the grid that lie within the voltage range."""
+        first = math.ceil(self.limits.low / COMMAND_GRID - 1e-9)
+        last = math.floor(self.limits.high / COMMAND_GRID + 1e-9)
+        # Divided by a whole number: the nearest double of the decimal that a file holds.
+        rounded = np.clip(np.rint(samples / COMMAND_GRID), first, last) / round(1 / COMMAND_GRID)
+        return Command(name, kind, purpose, rounded, self.period, **more)
 
     def still(self, duration: float) -> Array:
         """Return the command at home for a time."""
@@ -121,8 +125,34 @@ class _Maker:
     ) -> Command:
         """Return levels, given as shares of the range, each held for a time [s]; a single one is marked."""
         points = [(self.limits.level(float(s)), float(d)) for s, d in np.broadcast(shares, dwell)]
-        inner, marks = path(self.limits, points)
-        return self.framed(name, kind, purpose, inner, 0.0, marks or (0.0,), **more)
+        inner, marks = self.path(points)
+        return self.framed(name, kind, purpose, inner, 0.0, marks or [0.0], **more)
+
+    def path(self, points: Sequence[tuple[float, float]], gentle: float = 0.0) -> tuple[Array, list[float]]:
+        """Return levels [V], each held for a time [s], joined by ramps; and when each ramp begins [s]."""
+        pieces, begins, level, count = [], [], points[0][0], 0
+        for target, dwell in points:
+            if target != level:
+                begins.append(count * self.period)
+                pieces.append(self.ramp(level, target, gentle))
+                count += len(pieces[-1])
+            held = max(1, round(dwell * self.limits.rate))
+            pieces.append(np.full(held, target))
+            count, level = count + held, target
+        return np.concatenate(pieces), begins
+
+    def ramp(self, start: float, end: float, gentle: float) -> Array:
+        """Return the samples between two levels, neither of them included: none where the command may jump.
+
+        A gentle way takes at least a time [s]. It is half a cosine, which leaves a mode of a few of its periods' length
+        nearly at rest.
+        """
+        # As a low-pass of first order rises from 10 to 90 %, which is 0.8 of a ramp.
+        ramp_time = math.log(9) / (2 * math.pi * self.limits.bandwidth) / 0.8
+        slowest = abs(end - start) / self.limits.step * (0.5 * math.pi if gentle else 1.0)
+        samples = max(1, math.ceil(max(ramp_time, gentle) * self.limits.rate - 0.5), math.ceil(slowest))
+        share = np.arange(1, samples) / samples
+        return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share) if gentle else share)
 
     def framed(
         self, name: str, kind: str, purpose: str, samples: Array, rest: float, marks: Sequence[float], **more: Any
@@ -131,9 +161,9 @@ class _Maker:
 
         The moments `marks` [s] count from the first of the samples on.
         """
-        limits, slow = self.limits, self.settling
-        first, _ = path(limits, [(limits.home, 0.2), (float(samples[0]), rest)], slow)
-        last, _ = path(limits, [(float(samples[-1]), 0.0), (limits.home, self.settling)], slow)
+        home, slow = self.limits.home, self.settling
+        first, _ = self.path([(home, 0.2), (float(samples[0]), rest)], slow)
+        last, _ = self.path([(float(samples[-1]), 0.0), (home, slow)], slow)
         marks = tuple(len(first) * self.period + mark for mark in marks)
         return self.command(name, kind, purpose, np.concatenate([first, samples, last[1:]]), marks=marks, **more)
 
@@ -182,16 +212,17 @@ class _Maker:
 
     def multisine(self, level: str, realisation: str) -> Command:
         """Return a multisine of one level: a period in which the stage settles, and two that differ by noise alone."""
-        texts = {"band": [f"{edge!r} Hz" for edge in self.band], "resolution": f"{self.resolution!r} Hz"}
+        size, period, seed = MULTISINE_LEVELS[level], 1 / self.resolution, int(self.generator.integers(2**32))
+        edges, resolution = [f"{edge!r} Hz" for edge in self.band], f"{self.resolution!r} Hz"
         shape = {
             "shape": "multisine",
             "low": "-1 V",
             "high": "1 V",
-            "seed": int(self.generator.integers(2**32)),
-            **texts,
+            "band": edges,
+            "resolution": resolution,
+            "seed": seed,
         }
-        tones = Multisine.model_validate(shape).sampled(self.period)[: round(self.limits.rate / self.resolution)]
-        size, period = MULTISINE_LEVELS[level], 1 / self.resolution
+        tones = Multisine.model_validate(shape).sampled(self.period)[: round(period * self.limits.rate)]
         purpose = f"resonance, damping, delay at {100 * size:g} % of the range, phases {realisation}"
         return self.within(
             f"multisine_{level}_{realisation}", "multisine", purpose, np.tile(tones, 3), size,
@@ -199,7 +230,7 @@ class _Maker:
         )  # fmt: skip
 
     def triangles(self) -> Iterator[Command]:
-        """Yield triangles over the whole range at two rates."""
+        """Yield triangles over the whole range at two rates, from home and back."""
         limits = self.limits
         fast = min(self.gentle, limits.step * limits.rate / (2 * limits.span))
         why = f"{100 * fast / self.gentle:.0f} % of its rate, slew limit" if fast < self.gentle else ""
@@ -207,7 +238,9 @@ class _Maker:
             ("slow", min(0.5, fast / 8), 3, "the loop of the hysteresis, without dynamics", ""),
             ("fast", fast, 8, "the same loop at a higher rate: what changes is no rate-independent hysteresis", why),
         ):
-            samples = triangle(limits, frequency, cycles)
+            corners = [limits.home, *([limits.high, limits.low] * cycles), limits.home]
+            times = np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / (2 * limits.span * frequency)
+            samples = np.interp(np.arange(math.ceil(times[-1] * limits.rate) + 1) * self.period, times, corners)
             yield self.command(f"triangle_{name}", "triangle", purpose, samples, cycle=1 / frequency, scaled=scaled)
 
     def decaying_sine(self, cycles: int) -> Command:
