@@ -214,14 +214,7 @@ class _Maker:
         """Return a multisine of one level: a period in which the stage settles, and two that differ by noise alone."""
         size, period, seed = MULTISINE_LEVELS[level], 1 / self.resolution, int(self.generator.integers(2**32))
         edges, resolution = [f"{edge!r} Hz" for edge in self.band], f"{self.resolution!r} Hz"
-        shape = {
-            "shape": "multisine",
-            "low": "-1 V",
-            "high": "1 V",
-            "band": edges,
-            "resolution": resolution,
-            "seed": seed,
-        }
+        shape = dict(shape="multisine", low="-1 V", high="1 V", band=edges, resolution=resolution, seed=seed)
         tones = Multisine.model_validate(shape).sampled(self.period)[: round(period * self.limits.rate)]
         purpose = f"resonance, damping, delay at {100 * size:g} % of the range, phases {realisation}"
         return self.within(
