@@ -147,11 +147,6 @@ class Comparison:
         """Whether the errors of runs and frequency responses are noise: then nothing is missing."""
         return (self.is_noise or not self.runs) and all(each.is_noise for each in self.responses)
 
-    @property
-    def correlation(self) -> float:
-        """Correlation of measured and predicted motion in all runs together; NaN where nothing moves."""
-        return correlation((run.measured, run.predicted) for run in self.runs)
-
     def by(self, what: str) -> Breakdown | None:
         """Return the breakdown by one thing; None if these runs do not show it."""
         return next((breakdown for breakdown in self.where if breakdown.by == what), None)

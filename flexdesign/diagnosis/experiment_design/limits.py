@@ -126,16 +126,8 @@ def of_axis(
     return Limits(low, high, slew, bandwidth or most, rate, capacitance, origin)
 
 
-def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
-    """Refuse to plan for a bench of which nobody said how fast its voltage may change: stacks crack, drivers trip.
-
-    Raises
-    ------
-    InputError
-        If the slew is infinite; it says which of slew, current and capacitance are missing.
-    """
-    if math.isfinite(limits.slew):
-        return
+def slew_is_missing(model: StageModel, name: str, limits: Limits) -> InputError:
+    """Return the error of a bench of which nobody said how fast its voltage may change: stacks crack, drivers trip."""
     known = 'or --current "50 mA"'
     if limits.capacitance is None:
         known += f' and axis.{name}.actuator.capacitance (--set axis.{name}.actuator.capacitance="3.6 uF")'
@@ -143,7 +135,7 @@ def require_slew_limit(model: StageModel, name: str, limits: Limits) -> None:
         f'is missing: no command is written while nothing says how fast the voltage may change; give --slew "2000 V/s" '
         f"{known}; --slew none if nothing limits it"
     )
-    raise _refused(model, f"axis.{name}.driver.slew", None, remedy)
+    return _refused(model, f"axis.{name}.driver.slew", None, remedy)
 
 
 def _refused(model: StageModel, field: str, value: str | None, remedy: str) -> InputError:

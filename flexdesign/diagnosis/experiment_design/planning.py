@@ -155,8 +155,8 @@ def plan_experiments(
         rate=_stated_value("--rate", rate, "Hz"),
     )
     noise = _stated_value("--sensor-noise", sensor_noise, axis_model.response) or axis_model.sensor.noise or None
-    if slew is None:
-        limits.require_slew_limit(model, chosen, kept)
+    if slew is None and math.isinf(kept.slew):
+        raise limits.slew_is_missing(model, chosen, kept)
     progress("shaping the commands")
     dynamics = limits.dynamics(model, chosen, kept)
     experiments, resolved = suite_of(dynamics, kept, seed), None

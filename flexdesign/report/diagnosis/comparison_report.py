@@ -14,7 +14,7 @@ from flexdesign.core.errors import join_names
 from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.command_segments import jumps
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison
-from flexdesign.diagnosis.comparison.compare import reversal_question
+from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import axis_unit
@@ -87,7 +87,7 @@ def summary(comparison: Comparison) -> list[str]:
         noise = f"the noise ({noise_floor})" if comparison.noise.known else "no more than what may be noise"
         sentences.append(f"That is {noise}: nothing in these runs says that the model fails.")
         return [*sentences, *lines]
-    if doubt := reversal_question(comparison.correlation):
+    if doubt := reversal_doubt(comparison.observed, (), {run.name: run.residual for run in comparison.runs}):
         sentences.append(f"{doubt[0].upper()}{doubt[1:]}?")
     sentences.append(" ".join(words.sentences(comparison)))
     return [*sentences, *lines]
