@@ -208,28 +208,25 @@ def correlation(runs: Iterable[tuple[Array, Array]]) -> float:
     return float(squares[0, 1] / size) if size else math.nan
 
 
-def reversal_question(found: float) -> str:
-    """Return what to ask if the reversed prediction explains more than half of the motion; empty if it does not."""
-    if not (found < 0 and LARGE * (1 - found**2) < 1):
-        return ""
-    return (
-        f"the stage moves against the prediction (correlation {found:.2f}): is the sign of the gain, of the "
-        "command or of the response reversed, or the natural frequency wrong about which they are driven"
-    )
-
-
 def reversal_doubt(runs: Sequence[Run], responses: Sequence[FrequencyResponse], residuals: Mapping[str, Array]) -> str:
-    """Return the question to ask of runs or frequency responses, by their residuals [response]; empty if there is none.
+    """Return what to ask if the reversed prediction explains more than half of the motion; empty if it does not.
 
-    Of frequency responses, it is the mean cosine of the phase between measured and predicted lines, whatever their
-    size.
+    Of runs it is the correlation that decides, by their residuals [response]. Of frequency responses, it is the mean
+    cosine of the phase between measured and predicted lines, whatever their size.
     """
     moving = [run for run in runs if run.name in residuals and np.ptp(run.command())]
-    found = correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving)
-    cosines = [np.zeros(0)]
+    agreements = [correlation((run.measured(), run.measured() - residuals[run.name]) for run in moving)]
+    cosines = list[Array]()
     for each in responses:
         real, imaginary = np.split(each.measured() - residuals[each.name], 2)
         both = each.response * (real - 1j * imaginary)
         cosines.append(np.cos(np.angle(both[each.present & (both != 0)])))
-    lines = np.concatenate(cosines)
-    return reversal_question(found) or reversal_question(float(lines.mean()) if len(lines) else math.nan)
+    if cosines:
+        agreements.append(float(np.mean(np.concatenate(cosines))))
+    for found in agreements:
+        if found < 0 and LARGE * (1 - found**2) < 1:
+            return (
+                f"the stage moves against the prediction (correlation {found:.2f}): is the sign of the gain, of the "
+                "command or of the response reversed, or the natural frequency wrong about which they are driven"
+            )
+    return ""
