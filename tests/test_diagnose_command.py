@@ -23,7 +23,8 @@ from flexdesign import diagnosis, effects
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.core.serialise import to_json
-from flexdesign.diagnosis import Diagnosis, Value, add_effect, experiment_design, initialised_comparison
+from flexdesign.diagnosis import Diagnosis, Value, add_effect, initialised_comparison
+from flexdesign.diagnosis.experiment_design.discrimination import proposals
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import CandidateRecord, compare_model
@@ -95,7 +96,7 @@ def test_what_hinders_a_simulated_experiment_is_a_field_of_the_model() -> None:
     found = diagnosed()
     slow = replace(found.model, controller=replace(found.model.controller, rate=50.0))
     group = ("creep", "base_motion")
-    (proposal,) = experiment_design.proposals(replace(found, model=slow, confusable=(group,)))
+    (proposal,) = proposals(replace(found, model=slow, confusable=(group,)))
     assert proposal.reason.startswith("controller.rate is too slow to see the resonance")
     assert "--" not in proposal.reason
 
@@ -247,7 +248,7 @@ def test_unknown_says_what_it_looks_like_and_what_comes_near() -> None:
 
 def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
-    (told,) = experiment_design.proposals(found)
+    (told,) = proposals(found)
     (resolved,) = told.resolved
     best = resolved.proposed[0]
     # Odd or even in the position: runs about one bias cannot tell, one that reaches far on one side can.
@@ -266,7 +267,7 @@ def test_experiments_are_simulated_as_fast_as_the_modes_ask_for() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
     frequency = found.model.axes["x"].natural_frequency
     fast = replace(found.model, controller=replace(found.model.controller, rate=1000 * frequency))
-    (told,) = experiment_design.proposals(replace(found, model=fast))
+    (told,) = proposals(replace(found, model=fast))
     commands = [each.command for each in told.resolved[0].separations]
     assert all(command.period * frequency == pytest.approx(1 / FEWEST_PER_PERIOD, rel=0.01) for command in commands)
 
@@ -274,7 +275,7 @@ def test_experiments_are_simulated_as_fast_as_the_modes_ask_for() -> None:
 def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
     bare = replace(found.model.axes["x"], actuator=None)
-    (told,) = experiment_design.proposals(replace(found, model=replace(found.model, axes={"x": bare})))
+    (told,) = proposals(replace(found, model=replace(found.model, axes={"x": bare})))
     assert not told.resolved
     assert told.reason
     assert told.reason in diagnosis_text.apart(GROUP, (told,))

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.diagnosis import experiment_design
-from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE
+from flexdesign.diagnosis.experiment_design.effect_strength import VISIBLE_SHARE, Signature, on, signature_of
+from flexdesign.diagnosis.experiment_design.experiments import suite_of
+from flexdesign.diagnosis.experiment_design.limits import of_axis
 from flexdesign.dynamics import stage_model
 from flexdesign.report.catalogue import effect_charts, effect_pages
 from flexdesign.report.render import to_markdown
@@ -51,13 +52,13 @@ EFFECT = Effect(
 
 
 @pytest.fixture(scope="module")
-def shown() -> Callable[[str], experiment_design.Signature]:
+def shown() -> Callable[[str], Signature]:
     """Return what shows an effect on the light stage."""
     model = stage_model.read("lin2019_stage", ["axis.x.damping_ratio=0.0242", 'axis.x.sensor.resolution="0 um"'])
-    limits = experiment_design.of_axis(model, "x")
-    dynamics = experiment_design.dynamics(model, "x", limits)
-    menu = experiment_design.suite_of(dynamics, limits)
-    return lambda name: experiment_design.signature_of(experiment_design.on(dynamics, name), menu)
+    limits = of_axis(model, "x")
+    dynamics = limits.dynamics(model, "x")
+    menu = suite_of(dynamics, limits)
+    return lambda name: signature_of(on(dynamics, name), menu)
 
 
 # --- the catalogue ------------------------------------------------------------------------------------------------
@@ -101,7 +102,7 @@ def test_a_page_states_everything_and_draws_what_reveals_it(tmp_path: Path, comm
 
 
 def test_the_strength_is_such_that_the_reading_changes_by_a_hundredth_of_the_stroke(
-    shown: Callable[[str], experiment_design.Signature],
+    shown: Callable[[str], Signature],
 ) -> None:
     for name in ("creep", "payload_mass", "driver_saturation"):
         found = shown(name)
@@ -109,7 +110,7 @@ def test_the_strength_is_such_that_the_reading_changes_by_a_hundredth_of_the_str
         assert max(seen.change for seen in found.seen) / found.stroke == pytest.approx(VISIBLE_SHARE, rel=0.7)
 
 
-def test_creep_grows_by_its_strength_in_a_decade(shown: Callable[[str], experiment_design.Signature]) -> None:
+def test_creep_grows_by_its_strength_in_a_decade(shown: Callable[[str], Signature]) -> None:
     """From 1 s to 10 s after the step, by per_decade times the drive; four states make the logarithm to 10 %."""
     found = shown("creep")
     hold = next(seen for seen in found.seen if seen.command.name == "hold")
@@ -120,7 +121,7 @@ def test_creep_grows_by_its_strength_in_a_decade(shown: Callable[[str], experime
 
 
 def test_an_error_of_the_sensor_s_gain_is_taken_up_by_a_new_gain(
-    shown: Callable[[str], experiment_design.Signature],
+    shown: Callable[[str], Signature],
 ) -> None:
     found = shown("sensor_gain")
     for seen in found.seen:
@@ -133,7 +134,7 @@ def test_an_error_of_the_sensor_s_gain_is_taken_up_by_a_new_gain(
 
 
 def test_what_needs_another_column_shows_in_the_experiment_that_records_it(
-    shown: Callable[[str], experiment_design.Signature],
+    shown: Callable[[str], Signature],
 ) -> None:
     for name, best in (("thermal_expansion", "warming"), ("cross_coupling", "other_axis")):
         found = shown(name)
@@ -142,11 +143,11 @@ def test_what_needs_another_column_shows_in_the_experiment_that_records_it(
         assert f"{best}.svg" in page
 
 
-def test_a_hum_is_seen_first_where_nothing_else_moves(shown: Callable[[str], experiment_design.Signature]) -> None:
+def test_a_hum_is_seen_first_where_nothing_else_moves(shown: Callable[[str], Signature]) -> None:
     assert shown("mains_hum").seen[0].command.name == "quiet"
 
 
-def test_a_second_mode_shows_where_it_is(shown: Callable[[str], experiment_design.Signature]) -> None:
+def test_a_second_mode_shows_where_it_is(shown: Callable[[str], Signature]) -> None:
     """The difference of the spectra peaks at its natural frequency, beside the peak at the main one."""
     found = shown("second_mode")
     seen = next(each for each in found.seen if each.command.name == "multisine_large_a")
@@ -181,9 +182,7 @@ def test_what_is_not_there_is_refused(command_line: Run, arguments: tuple[str, .
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", effects.names())
-def test_every_effect_of_the_catalogue_is_visible(
-    name: str, shown: Callable[[str], experiment_design.Signature]
-) -> None:
+def test_every_effect_of_the_catalogue_is_visible(name: str, shown: Callable[[str], Signature]) -> None:
     found = shown(name)
     assert found.visible
     page = effect_pages.document(name, found)

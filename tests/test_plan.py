@@ -14,10 +14,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis import experiment_design
-from flexdesign.diagnosis.experiment_design.effect_strength import inertia
-from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
-from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID
+from flexdesign.diagnosis.experiment_design.commands import Command
+from flexdesign.diagnosis.experiment_design.discrimination import resolve_effects
+from flexdesign.diagnosis.experiment_design.effect_strength import inertia, on, reading
+from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, suite_of
+from flexdesign.diagnosis.experiment_design.limits import COMMAND_GRID, Limits, of_axis
 from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -36,11 +37,9 @@ def stage(rate: float = 1000.0, volts: tuple[float, float] | None = (0.0, 100.0)
     return StageModel({"x": AxisModel(**known, actuator=actuator)}, ControllerTiming(rate), name="bench")
 
 
-def planned(
-    model: StageModel, asked: dict[str, Any] | None = None, seed: int = 1
-) -> tuple[experiment_design.Limits, dict[str, Any]]:
-    limits = experiment_design.of_axis(model, "x", **(asked or {}))
-    commands = experiment_design.suite_of(experiment_design.dynamics(model, "x", limits), limits, seed)
+def planned(model: StageModel, asked: dict[str, Any] | None = None, seed: int = 1) -> tuple[Limits, dict[str, Any]]:
+    limits = of_axis(model, "x", **(asked or {}))
+    commands = suite_of(limits.dynamics(model, "x"), limits, seed)
     return limits, {command.name: command for command in commands}
 
 
@@ -125,7 +124,7 @@ REFUSED: list[tuple[StageModel, dict[str, Any], str, str]] = [
 @pytest.mark.parametrize(("model", "asked", "field", "words"), REFUSED)
 def test_what_cannot_be_kept_is_refused(model: StageModel, asked: dict[str, Any], field: str, words: str) -> None:
     with pytest.raises(InputError) as refused:
-        experiment_design.of_axis(model, "x", **(asked or {}))
+        of_axis(model, "x", **(asked or {}))
     assert refused.value.field == field
     assert words in refused.value.remedy
 
@@ -236,12 +235,12 @@ def test_the_added_mass_is_suggested_from_the_model_s() -> None:
 
 
 @pytest.fixture(scope="module")
-def menu() -> tuple[AxisDynamics, list[experiment_design.Command]]:
+def menu() -> tuple[AxisDynamics, list[Command]]:
     changes = ["axis.x.damping_ratio=0.0242", 'axis.x.sensor.resolution="0 um"']  # its steps are as large as effects
     model = stage_model.read("lin2019_stage", changes)
-    limits = experiment_design.of_axis(model, "x")
-    dynamics = experiment_design.dynamics(model, "x", limits)
-    return dynamics, list(experiment_design.suite_of(dynamics, limits))
+    limits = of_axis(model, "x")
+    dynamics = limits.dynamics(model, "x")
+    return dynamics, list(suite_of(dynamics, limits))
 
 
 @pytest.mark.parametrize(
@@ -253,31 +252,31 @@ def menu() -> tuple[AxisDynamics, list[experiment_design.Command]]:
     ],
 )
 def test_the_experiment_that_separates_two_effects(
-    menu: tuple[AxisDynamics, list[experiment_design.Command]], pair: tuple[str, str], best: set[str]
+    menu: tuple[AxisDynamics, list[Command]], pair: tuple[str, str], best: set[str]
 ) -> None:
-    found = experiment_design.resolve_effects(menu[0], pair, menu[1], 20e-9)
+    found = resolve_effects(menu[0], pair, menu[1], 20e-9)
     assert found.proposed[0].command.name in best
     standard = next(each for each in found.separations if each.command.name == "multisine_medium_a")
     assert found.separations[0].difference > 1.5 * standard.difference
 
 
-def test_what_no_experiment_separates_is_said_so(menu: tuple[AxisDynamics, list[experiment_design.Command]]) -> None:
+def test_what_no_experiment_separates_is_said_so(menu: tuple[AxisDynamics, list[Command]]) -> None:
     """Two couplings to another axis, both in proportion to its motion, are one as long as it is all that is seen."""
-    found = experiment_design.resolve_effects(menu[0], ("abbe_error", "pair_mismatch"), menu[1], 20e-9)
+    found = resolve_effects(menu[0], ("abbe_error", "pair_mismatch"), menu[1], 20e-9)
     assert not found.proposed
 
 
-def test_one_effect_twice_is_refused(menu: tuple[AxisDynamics, list[experiment_design.Command]]) -> None:
+def test_one_effect_twice_is_refused(menu: tuple[AxisDynamics, list[Command]]) -> None:
     with pytest.raises(InputError, match="names one effect twice"):
-        experiment_design.resolve_effects(menu[0], ("creep", "creep"), menu[1], 20e-9)
+        resolve_effects(menu[0], ("creep", "creep"), menu[1], 20e-9)
 
 
 def test_mass_and_compliance_follow_from_frequency_and_gain() -> None:
     """A payload of 20 % weighs 1.2 times as much and gives as before; a loss of 20 % gives 1 / 0.8 times as much."""
     model = stage()
-    dynamics = experiment_design.dynamics(model, "x", experiment_design.of_axis(model, "x"))
-    payload = experiment_design.on(dynamics, "payload_mass").at(0.2)
-    loss = experiment_design.on(dynamics, "stiffness_loss").at(0.2)
+    dynamics = of_axis(model, "x").dynamics(model, "x")
+    payload = on(dynamics, "payload_mass").at(0.2)
+    loss = on(dynamics, "stiffness_loss").at(0.2)
     assert inertia(payload) == pytest.approx((1.2, 1.0))
     assert inertia(loss) == pytest.approx((1.0, 1.25))
 
@@ -286,12 +285,12 @@ def test_a_known_mass_lowers_the_resonance_as_springs_and_masses_have_it() -> No
     """On a stage with a payload of half its mass, a tenth more is 0.1 / 1.5, and the resonance falls by its root."""
     model, rate = stage(damping_ratio=0.01), 1000.0
     limits, commands = planned(model)
-    payload = experiment_design.on(experiment_design.dynamics(model, "x", limits), "payload_mass").at(0.5)
+    payload = on(limits.dynamics(model, "x"), "payload_mass").at(0.5)
     peaks = []
     for name in ("multisine_medium_a", "added_mass"):
         command = commands[name]
         count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
-        found = np.fft.rfft(experiment_design.reading(payload, command)[end - count : end])
+        found = np.fft.rfft(reading(payload, command)[end - count : end])
         sent = np.fft.rfft(command.samples[end - count : end])
         near = np.arange(round(60 * command.cycle), round(100 * command.cycle))
         peaks.append(near[np.argmax(np.abs(found[near] / sent[near]))] / command.cycle)

@@ -12,7 +12,7 @@ from flexdesign.api import static_tables
 from flexdesign.api.models import read_model
 from flexdesign.api.result import Result
 from flexdesign.design.design import Design
-from flexdesign.diagnosis import Diagnosis, experiment_design, initialised_comparison
+from flexdesign.diagnosis import Diagnosis, initialised_comparison
 from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import check as checking
 from flexdesign.diagnosis import identify as identification
@@ -21,6 +21,7 @@ from flexdesign.diagnosis.check import Check, facts, is_table
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.comparison.static_table import TableComparison
 from flexdesign.diagnosis.effect_names import known_effect, own_effects
+from flexdesign.diagnosis.experiment_design.discrimination import proposals
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.diagnosis.progress import Progress as Steps
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
@@ -305,7 +306,7 @@ def diagnose(
     found = diagnosis.diagnose(
         stage, runs, axis=axis, more=more, tolerance=least, noise=stated, progress=Steps(progress)
     )
-    apart = experiment_design.proposals(found, progress)
+    apart = proposals(found, progress)
     better = additions.with_knowledge(found.model, found.axis, additions.values(found), (*found.runs, *found.responses))
     return DiagnosisResult(
         found,

@@ -10,7 +10,7 @@ import typer
 from flexdesign.cli.shared import CATALOGUES, AsJson, StageOverrides, app, print_json, progress
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.experiment_design import Signature
+    from flexdesign.diagnosis.experiment_design.effect_strength import Signature
 
 HELP = """Show the catalogue of effects, or one effect with the picture of its signature.
 
@@ -134,16 +134,17 @@ def _static(name: str, design: str, overrides: list[str], out: Path | None, as_j
 
 def _signature(name: str, model: str, axis: str | None, overrides: list[str]) -> tuple[Signature, dict[str, str]]:
     """Return the signature of an effect on an axis of a stage model, and the title of the stage."""
-    from flexdesign.diagnosis import experiment_design
+    from flexdesign.diagnosis.experiment_design.effect_strength import on, signature_of
+    from flexdesign.diagnosis.experiment_design.experiments import suite_of
+    from flexdesign.diagnosis.experiment_design.limits import of_axis
     from flexdesign.dynamics import stage_model
     from flexdesign.dynamics.axis.axis_choice import choose_axis
 
     stage = stage_model.read(model, overrides)
     chosen = choose_axis(stage, [], axis or next(iter(stage.axes)))
-    on = {"title": stage.title or stage.name, "changes": ""}
+    about = {"title": stage.title or stage.name, "changes": ""}
     if model == STAGE and not overrides:
-        stage, on["changes"] = stage_model.read(model, [each.format(axis=chosen) for each in SHOWN]), RINGS
-    limits = experiment_design.of_axis(stage, chosen)
-    dynamics = experiment_design.dynamics(stage, chosen, limits)
-    experiments = experiment_design.suite_of(dynamics, limits)
-    return experiment_design.signature_of(experiment_design.on(dynamics, name), experiments), on
+        stage, about["changes"] = stage_model.read(model, [each.format(axis=chosen) for each in SHOWN]), RINGS
+    limits = of_axis(stage, chosen)
+    dynamics = limits.dynamics(stage, chosen)
+    return signature_of(on(dynamics, name), suite_of(dynamics, limits)), about

@@ -26,7 +26,7 @@ from flexdesign.diagnosis.experiment_design.effect_strength import (
     signature_of,
 )
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS, suite_of
-from flexdesign.diagnosis.experiment_design.limits import dynamics, of_axis
+from flexdesign.diagnosis.experiment_design.limits import of_axis
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD
 from flexdesign.diagnosis.result import Diagnosis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -203,7 +203,7 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
             controller = found.model.controller
             controller = replace(controller, rate=min(controller.rate, FEWEST_PER_PERIOD * highest))
             limits = of_axis(replace(found.model, controller=controller), found.axis)
-            model = dynamics(found.model, found.axis, limits)
+            model = limits.dynamics(found.model, found.axis)
             menu = suite_of(model, limits)
             for other in group[1:]:
                 progress(f"simulating what distinguishes {group[0]} from {other}")

@@ -69,11 +69,10 @@ class Limits:
         """Return the driver's current while the command changes so fast [A]; None if no capacitance is known."""
         return None if self.capacitance is None else self.capacitance * slew
 
-
-def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
-    """Return an axis as it is simulated on the bench, its stroke that of the limits."""
-    max_command = max(abs(limits.low), abs(limits.high))
-    return AxisDynamics(name, model.axes[name], max_command, COMPARED_TOLERANCE, delay=model.controller.delay)
+    def dynamics(self, model: StageModel, name: str) -> AxisDynamics:
+        """Return an axis as it is simulated on the bench, its stroke that of the limits."""
+        max_command = max(abs(self.low), abs(self.high))
+        return AxisDynamics(name, model.axes[name], max_command, COMPARED_TOLERANCE, delay=model.controller.delay)
 
 
 def of_axis(

@@ -158,7 +158,7 @@ def plan_experiments(
     if slew is None and math.isinf(kept.slew):
         raise limits.slew_is_missing(model, chosen, kept)
     progress("shaping the commands")
-    dynamics = limits.dynamics(model, chosen, kept)
+    dynamics = kept.dynamics(model, chosen)
     experiments, resolved = suite_of(dynamics, kept, seed), None
     commands = [command for command in experiments if command.is_file]
     if resolve:

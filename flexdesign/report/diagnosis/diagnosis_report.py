@@ -13,8 +13,7 @@ from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.errors import join_names
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
-from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.experiment_design.discrimination import Proposal
+from flexdesign.diagnosis.experiment_design.discrimination import Proposal, Resolved
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor

@@ -10,8 +10,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import join_names
 from flexdesign.core.model import ACTUATORS
 from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
-from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.experiment_design.discrimination import Proposal
+from flexdesign.diagnosis.experiment_design.discrimination import Proposal, Resolved
 from flexdesign.diagnosis.procedure import INTERPOLATION_TEXTS
 from flexdesign.diagnosis.result import ModelResiduals, compare_model
 from flexdesign.diagnosis.windowed_selection import SEARCHED

@@ -10,7 +10,10 @@ from typing import Any
 from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.serialise import header, with_unit
-from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
+from flexdesign.diagnosis.experiment_design.commands import Command
+from flexdesign.diagnosis.experiment_design.discrimination import Resolved
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength
+from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.diagnosis.experiment_design.planning import Plan
 from flexdesign.estimation.criterion import significant_deviation
 from flexdesign.report.catalogue import effect_charts
