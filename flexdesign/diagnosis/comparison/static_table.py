@@ -67,11 +67,8 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
     InputError
         If the model has no number for a row, or a row seems to have another unit.
     """
-    signed, remarks = table, list[str]()
-    if any(row.load is not None for row in table.rows):
-        signed, lost = restore_signs(model, table)
-        remarks += lost
-    predicted = model.predict(signed)
+    signed, turned = restore_signs(model, table)
+    predicted, remarks = model.predict(signed), [*turned]
     plausible = _believable(signed, predicted)
     noise = uncertainty(model, plausible)
     if plausible is not signed:

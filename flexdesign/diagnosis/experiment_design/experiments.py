@@ -191,10 +191,8 @@ class _Maker:
             if half > 0 and not far <= half:  # also where the motion runs away
                 share, why = 0.98 * share * half / far if math.isfinite(far) else 0.0, "range of motion"
         if share * size < VISIBLE_SHARE:
-            remedy = (
-                f"{why} leaves {100 * share * size:.2g} % of the range, which shows no effect; allow a faster slew, "
-            )
-            raise InputError("command line", "plan", name, f"{remedy}or a lower --bandwidth")
+            left = f"{why} leaves {100 * share * size:.2g} % of the range, which shows no effect"
+            raise InputError("command line", "plan", name, f"{left}; allow a faster slew, or a lower --bandwidth")
         return make(share, why)
 
     @cached_property
