@@ -186,7 +186,7 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
         remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))
     else:
-        if share := float(np.mean(response.coherence < 0.5)):
+        if share := float(np.mean(response.coherence < 0.5)):  # as of runs
             what = f"{100 * share:.0f} % of its lines have a coherence below 0.5"
             found.append(Suspicion(response.name, what, "average longer, or drive harder"))
         if response.averages is None:

@@ -48,6 +48,7 @@ def _timing(run: Run, response: str, order: int) -> Timing | None:
     weights = np.linalg.lstsq(matrix, target, rcond=None)[0]
     variance = np.sum((target - matrix @ weights) ** 2) / (len(target) - len(weights))
     errors = STANDARD_ERRORS * np.sqrt(np.maximum(variance * np.diag(np.linalg.pinv(matrix.T @ matrix)), 0.0))
+    # A smaller share of the largest weight is no finding.
     least = SHARE * np.abs(weights[: len(sent)]).max()
     coming, same, last = np.abs(weights[:3]) > np.maximum(errors[:3], least)
     if coming:

@@ -59,9 +59,7 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
     stairs = [*np.linspace(0, 1, 9), *np.linspace(1, 0, 9)[1:]]
     held = 0.6 if limits.level(0.6) != limits.home else 0.8
     made = [
-        maker.command(
-            "quiet", "quiet", "noise floor, mains hum, drift: what no model can predict", maker.rest
-        ),
+        maker.command("quiet", "quiet", "noise floor, mains hum, drift: what no model can predict", maker.rest),
         maker.levels("calibration", "steps", "gain and sign from small steps", small, 1.5 * settling),
         # Two realisations of each: what differs between them, beyond noise, is nonlinear.
         *(maker.multisine(level, realisation) for level in MULTISINE_LEVELS for realisation in ("a", "b")),
@@ -182,9 +180,8 @@ class _Maker:
             samples = self.limits.level(0.5) + share * whole
             return self.framed(name, kind, purpose, samples, self.settling, marks, scaled=scaled, **more)
 
-        share, why = self.limits.step / np.abs(np.diff(whole)).max() * (1 - 1e-9), "slew limit"
-        if share > 1:
-            share, why = 1.0, ""
+        share = min(1.0, float(self.limits.step / np.abs(np.diff(whole)).max()) * (1 - 1e-9))
+        why = "slew limit" if share < 1 else ""
         middle, half = self._static_range
         for _ in range(3):  # hysteresis makes the motion grow by a little less than the command
             far = float(np.abs(self._motion(make(share, why)) - middle).max())
