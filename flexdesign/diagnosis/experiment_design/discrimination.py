@@ -137,7 +137,8 @@ def resolve_effects(
         with_effects = np.stack([reading(each, command) for each in compared])
         changed = with_effects - reading(plain, command)
         recalibrated = [exact_reading(plain.replace({name: number}), command) for name, number in numbers.items()]
-        columns = np.stack([*(each - exact for each in recalibrated), np.ones(len(exact))])
+        offset = np.full(len(exact), VISIBLE_SHARE * plain.stroke)
+        columns = np.stack([*(each - exact for each in recalibrated), offset])
         left = changed - fit_linear(changed[:, cut], columns[:, cut]) @ columns
         return with_effects[0], left, left[:, cut] / math.sqrt(left[:, cut].shape[1])
 

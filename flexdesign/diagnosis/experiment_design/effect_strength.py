@@ -204,8 +204,8 @@ class EffectResponse:
     @property
     def left(self) -> float:
         """The change that a refitted gain and offset do not explain, rms [response]."""
-        columns = np.stack([self.without, np.ones(len(self.without))])
-        return rms(self.affected - fit_linear(self.affected, columns) @ columns)
+        without, affected = self.without - self.without.mean(), self.affected - self.affected.mean()
+        return rms(affected - fit_linear(affected, without[np.newaxis])[0] * without)
 
 
 @dataclass(frozen=True)
