@@ -147,7 +147,8 @@ def _with(
         return None
     columns = [-dataset.whitened(record, change) / values[candidate.strength] for record, change in pairs]
     gain, own = _score(fit, columns, runs, 0.0)
-    return _varied(task, fit, task.fine(model, 1.0), (*fit.effects, candidate), candidate.strength, gain, own, level)
+    together, exact = (*fit.effects, candidate), task.fine(model, 1.0)
+    return _varied(task, fit, exact, together, candidate.strength, gain, own, level, SHARE)
 
 
 def _varied(
@@ -159,7 +160,7 @@ def _varied(
     gain: float,
     own: Mapping[str, float],
     level: float,
-    share: float = SHARE,
+    share: float,
 ) -> FittedModel | None:
     """Return the fit in which a strength differs from run to run, by about its own size (a weak prior).
 
