@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -31,7 +30,6 @@ from flexdesign.core.model import Observation, parameter_of
 from flexdesign.diagnosis.comparison.error_location import REGIONS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
-from flexdesign.dynamics.signal_chain import exact_step
 from flexdesign.estimation.criterion import LARGE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
@@ -46,8 +44,6 @@ from flexdesign.estimation.model_selection.sparse_residual_model import (
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
-#: Number of knots of a regression spline, and of values for each knot at least (default of Ruppert, Wand and Carroll).
-KNOTS, VALUES_PER_KNOT = 35, 4
 #: Shape of a remainder if nonlinear effects only imitate linear dynamics.
 LINEAR_IS_BETTER = (
     "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
@@ -115,20 +111,13 @@ def mode_response(
         Whether the force is held between samples; otherwise it goes straight to the next. A force that follows a motion
         and is taken as held is late by half a sample, which matters near a resonance.
     """
-    from scipy.signal import lfilter
+    from scipy.signal import cont2discrete, lfilter, ss2tf
 
     w = 2 * math.pi * frequency
-    a = w * np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]])
-    passage = exact_step.step(a, w * np.array([0.0, 1.0]), period)
-    f, (start, middle, end) = passage.transition, passage.weights.T
-    g, h = (start + middle + end, np.zeros(2)) if held else (start + 0.5 * middle, end + 0.5 * middle)
-    # Each state of x' = F x + g u + h u' as a difference equation; u and u' are the force at both ends of a sample.
-    denominator = [1.0, -np.trace(f), np.linalg.det(f)]
-    numerators = (
-        [h[0], g[0] + f[0, 1] * h[1] - f[1, 1] * h[0], f[0, 1] * g[1] - f[1, 1] * g[0]],
-        [h[1], g[1] + f[1, 0] * h[0] - f[0, 0] * h[1], f[1, 0] * g[0] - f[0, 0] * g[1]],
-    )
-    position, velocity = (np.asarray(lfilter(above, denominator, force - force[0])) for above in numerators)
+    mode = w * np.array([[0.0, 1.0], [-1.0, -2 * damping_ratio]]), np.array([[0.0], [w]]), np.eye(2), np.zeros((2, 1))
+    *sampled, _ = cont2discrete(mode, period, "zoh" if held else "foh")
+    numerators, denominator = ss2tf(*sampled)
+    position, velocity = (np.asarray(lfilter(numerator, denominator, force - force[0])) for numerator in numerators)
     return position, velocity
 
 
@@ -168,7 +157,12 @@ def is_better_curve(data: DiagnosisData, task: EstimationTask, base: FittedModel
 def _knots(values: Sequence[Array]) -> Array:
     """Return the knots of a spline over the range of some values, at even distances within it."""
     every = np.concatenate(values)
-    return np.linspace(every.min(), every.max(), KNOTS + 2)[1:-1]
+    return np.linspace(every.min(), every.max(), knot_count(len(every)) + 2)[1:-1]
+
+
+def knot_count(values: int) -> int:
+    """Return the default number of knots of a regression spline for some values (Ruppert, Wand and Carroll 2003)."""
+    return min(values // 4, 35)
 
 
 # --- smooth functions ------------------------------------------------------------------------------------------------
@@ -182,59 +176,34 @@ class BasisFunctions:
     ----------
     model
         The axis.
-    band
-        Lowest and highest frequency of all frequency responses [Hz], and the number of their lines; None without
-        frequency responses. With a band there are also piecewise linear functions of the logarithm of frequency, which
-        multiply a response.
-    is_time_domain
-        Whether there are runs in time.
+    centres
+        Frequencies at which piecewise linear functions of the logarithm of frequency meet [Hz]; they multiply a
+        frequency response.
     """
 
     model: AxisDynamics
-    band: tuple[float, float, int] | None = None
-    is_time_domain: bool = True
+    centres: tuple[float, ...] = ()
 
     def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
-        """Return the functions by name, n values of size one each; zero for the other kind of observation."""
+        """Return the functions for one observation by name, n values of size one each."""
         if isinstance(observation, FrequencyResponse):
-            functions = self._of_frequency(observation.frequencies, predicted)
-        else:
-            functions = self._in_time(observation, predicted)
-        if self.band is None:
-            return functions
-        return {name: functions.get(name, np.zeros(len(predicted))) for name in self._names}
-
-    @cached_property
-    def _names(self) -> list[str]:
-        """Names of all functions, those in time first."""
-        names = list(self._of_frequency(np.zeros(0), np.zeros(0))) if self.band else []
-        if not self.is_time_domain:
-            return names
-        t = self.model.first.natural_frequency**-1 * np.arange(4.0)
-        blank = Run("blank", t, {"u": np.zeros(4), self.model.name: np.zeros(4)}, {"u": "V"})
-        return [*self._in_time(blank, np.zeros(4)), *names]
+            return self._of_frequency(observation.frequencies, predicted)
+        run = cast(Run, observation)
+        functions = self._of_motion(run, predicted)
+        forces = {f"force: {name}": force_response(self.model, run, name, functions[name]) for name in functions}
+        readings = {f"reading: {name}": values for name, values in functions.items()}
+        return {**readings, **forces, **self._of_time(run)}
 
     def _of_frequency(self, frequencies: Array, predicted: Array) -> dict[str, Array]:
         """Return hat functions of the logarithm of frequency times the response, in phase and 90 degrees ahead."""
-        assert self.band is not None
-        low, high, lines = self.band
-        centres, functions = np.geomspace(low, high, max(min(lines // VALUES_PER_KNOT, KNOTS), 2)), dict[str, Array]()
-        for centre, hat in zip(centres.tolist(), np.eye(len(centres)), strict=True):
+        functions, centres = dict[str, Array](), self.centres
+        for centre, hat in zip(centres, np.eye(len(centres)), strict=True):
             place = f"near {units.hertz(centre, 3)}"
             values = whole(predicted) * np.interp(np.log(frequencies), np.log(centres), hat)
             functions[f"magnitude {place}"], functions[f"phase {place}"] = parts(values), parts(1j * values)
         return functions
 
-    def _in_time(self, observation: Observation, predicted: Array) -> dict[str, Array]:
-        assert isinstance(observation, Run)
-        functions = self._functions(observation, predicted)
-        forces = {
-            f"force: {name}": force_response(self.model, observation, name, functions[name]) for name in functions
-        }
-        readings = {f"reading: {name}": values for name, values in functions.items()}
-        return {**readings, **forces, **self._of_time(observation)}
-
-    def _functions(self, run: Run, predicted: Array) -> dict[str, Array]:
+    def _of_motion(self, run: Run, predicted: Array) -> dict[str, Array]:
         """Return the functions of position x, velocity v and voltage u, each over what is largest, or natural."""
         x = predicted / self.model.stroke
         v = np.gradient(x, run.period) / (2 * math.pi * self.model.axis.natural_frequency)
@@ -269,10 +238,10 @@ def force_response(model: AxisDynamics, run: Run, name: str, force: Array) -> Ar
 
 
 def basis_functions_of(data: DiagnosisData, fit: FittedModel) -> BasisFunctions:
-    """Return the smooth functions for the recordings of a diagnosis: in time, over frequency, or both."""
-    lines = [int(each.present.sum()) for each in data.fitted_responses]
-    band = (*data.band, max(lines)) if lines else None
-    return BasisFunctions(cast(AxisDynamics, fit.model), band, bool(data.runs))
+    """Return the smooth functions for the recordings of a diagnosis."""
+    lines = max((int(each.present.sum()) for each in data.fitted_responses), default=0)
+    centres = np.geomspace(*data.band, max(knot_count(lines), 2)).tolist() if lines else []
+    return BasisFunctions(cast(AxisDynamics, fit.model), tuple(centres))
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------

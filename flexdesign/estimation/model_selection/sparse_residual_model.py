@@ -21,7 +21,7 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import without_offset
 
-#: Returns smooth functions for an observation and its prediction, by name: n values each, of size one.
+#: Returns the smooth functions that act on an observation, from its prediction, by name: n values each, of size one.
 BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
 #: Largest number of terms.
 MOST_TERMS = 10
@@ -65,11 +65,9 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     coefficients = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
     gain = float(coefficients @ predicted_gain[chosen])
     steps = inverse @ projection[:, chosen] @ coefficients
-    validation_gain, rms = _validate(task, fit, features, chosen, coefficients, steps)
     terms = {names[j]: float(coefficient) for j, coefficient in zip(chosen, coefficients, strict=True)}
-    return SparseModel(
-        terms, gain, validation_gain, rms, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)}
-    )
+    shares = {names[j]: fall / sum(gains) for j, fall in zip(chosen, gains, strict=True)}
+    return SparseModel(terms, gain, *_validate(task, fit, features, terms, steps), shares)
 
 
 def cost_of_terms(
@@ -115,12 +113,14 @@ def _least_squares(values: Array, columns: Array) -> Array:
 
 
 def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tuple[list[str], list[Array]]:
-    """Return the names of smooth functions, and their whitened columns in each record."""
-    names, parts = list[str](), list[Array]()
-    for record in dataset.records:
-        functions = features(record.observation, np.asarray(fit.model.predict(record.observation)))
-        names = list(functions)
-        parts.append(dataset.whitened_columns(record, np.column_stack(list(functions.values()))))
+    """Return the names of smooth functions, and their whitened columns in each record; zero where they do not act."""
+    records = dataset.records
+    functions = [features(r.observation, np.asarray(fit.model.predict(r.observation))) for r in records]
+    names = list(dict.fromkeys(name for each in functions for name in each))
+    parts = list[Array]()
+    for record, each in zip(records, functions, strict=True):
+        nothing = np.zeros(len(record.measured))
+        parts.append(dataset.whitened_columns(record, np.column_stack([each.get(name, nothing) for name in names])))
     return names, parts
 
 
@@ -143,12 +143,7 @@ def _pursuit(gram: Array, predicted_gain: Array, least: Array, critical_gain: fl
 
 
 def _validate(
-    task: EstimationTask,
-    fit: FittedModel,
-    features: BasisFunctions,
-    chosen: list[int],
-    coefficients: Array,
-    steps: Array,
+    task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Mapping[str, float], steps: Array
 ) -> tuple[float, float]:
     """Return the fall of the cost of the validation runs by the sum, and the rms of the sum there.
 
@@ -165,8 +160,8 @@ def _validate(
     gain, sizes = 0.0, {True: np.zeros(2), False: np.zeros(2)}  # squares and count, with and without weights
     for record in dataset.records:
         predicted = np.asarray(fit.model.predict(record.observation))
-        functions = list(features(record.observation, predicted).values())
-        added = sum(coefficient * functions[j] for j, coefficient in zip(chosen, coefficients, strict=True))
+        functions = features(record.observation, predicted)
+        added = sum(coefficient * functions[name] for name, coefficient in terms.items() if name in functions)
         added = added + (np.asarray(shifted_model.predict(record.observation)) - predicted) / step
         before, after = dataset.residual(record, predicted), dataset.residual(record, predicted + added)
         if before is None or after is None:
