@@ -27,7 +27,7 @@ from flexdesign.diagnosis import verdict as judgement
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
-from flexdesign.diagnosis.models_without_physics import BasisFunctions
+from flexdesign.diagnosis.models_without_physics import SMOOTH_IS_BETTER, BasisFunctions
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare, rounding_noise
 from flexdesign.diagnosis.preparation.spectra import line_frequencies
 from flexdesign.diagnosis.result import Value
@@ -200,14 +200,14 @@ def concluded(
         mock.patch.multiple(
             judgement,
             intervals=quadratic,
-            is_better_without_physics=lambda *_: is_better_smooth,
+            better_kind=lambda *_: SMOOTH_IS_BETTER if is_better_smooth else "",
             relevant_ends=lambda _, fit: fit.at_bound(),
             is_end_relevant=lambda *_: is_end_relevant,
         ),
         mock.patch.object(FittedModel, "is_white", False),
     ):
         _, task = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
-        verdict, named, refusal = decide(about, task, course, left)
+        verdict, named, refusals = decide(about, task, course, left)
         ladder = [course.nominal, *course.levels_to(named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
@@ -215,7 +215,7 @@ def concluded(
         stage = StageModel({"x": about.axis})
         conclusion = Conclusion(
             verdict=verdict,
-            refusal=refusal,
+            refusals=refusals,
             smooth_model=left,
             error_ladder=ladder,
             groups=(),
@@ -576,7 +576,8 @@ def test_an_effect_is_not_named_where_the_gain_of_the_model_ends(
     found = concluded(about, course, is_end_relevant=is_end_relevant)
     assert found.verdict == verdict
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
-    assert found.refusal == ("gain is at the end of what is plausible" if verdict == "unknown" else "")
+    reason = "gain is at the end of what is plausible"
+    assert found.refusals == ({"creep": reason} if verdict == "unknown" else {})
 
 
 @pytest.mark.parametrize(
@@ -603,7 +604,7 @@ def test_an_effect_is_not_named_that_moves_the_model_far_from_its_design(
     found = concluded(about, course)
     assert found.verdict == verdict
     assert ("creep" in found.possible_effects) is (verdict == "unknown")
-    assert ("more than twice" in found.refusal) is (verdict == "unknown")
+    assert ("more than twice" in found.refusals.get("creep", "")) is (verdict == "unknown")
 
 
 def test_an_interval_of_all_that_is_plausible_is_none() -> None:
@@ -627,18 +628,20 @@ def test_why_possible_effects_are_not_named_is_said() -> None:
     about = data()
     first = fit(about, MUCH, MUCH)
     found = judged(about, first, fit(about, 0.5 * MUCH, 0.5 * MUCH, [creep(about)]))
-    assert found.refusal == "less than twice what then remains is explained"
-    assert f"creep (50 %). It is not named, as {found.refusal}. To fit it" in diagnosis_text.possible(found)
+    assert found.refusals == {"creep": "less than twice what then remains is explained"}
+    assert f"creep (50 %). It is not named, as {found.refusals['creep']}. To fit it" in diagnosis_text.possible(found)
     found = judged(about, first, fit(about, 0.01 * MUCH, 0.01 * MUCH, [creep(about)]), is_better_smooth=True)
-    assert (
-        found.refusal == "smooth functions, a static curve or a linear system explain as much in the place of effects"
-    )
-    # Of two effects the reason is that against the first, which explains most.
+    assert found.refusals == {"creep": SMOOTH_IS_BETTER}
+    # Of two effects each has its own reason.
     levels = [
         fit(about, share * MUCH, share * MUCH, [creep(about), effect(about, "mains_hum")][:k])
         for k, share in enumerate((1, 0.01, 0.009))
     ]
-    assert concluded(about, course_of(*levels), is_better_smooth=True).refusal == found.refusal
+    found = concluded(about, course_of(*levels), is_better_smooth=True)
+    little = "less than twice what then remains is explained"
+    assert found.refusals == {"mains_hum": little, "creep": SMOOTH_IS_BETTER}
+    said = diagnosis_text.possible(found)
+    assert f"Creep is not named, as {SMOOTH_IS_BETTER}. Mains hum is not named, as {little}. To fit each" in said
     # One that explains nothing of what the model is chosen by is none.
     found = judged(about, first, fit(about, 0.5 * MUCH, 2.0 * MUCH, [creep(about)]))
     assert (found.verdict, dict(found.possible_effects)) == ("unknown", {})

@@ -119,17 +119,23 @@ def test_effects_that_are_terms_of_another_curve_explain_less_than_a_curve(
 
 
 @pytest.mark.parametrize(
-    ("linear", "curve", "expected"),
+    ("linear", "curve", "smooth", "expected"),
     [
-        (True, True, "the model lacks linear dynamics"),
-        (False, True, "a contact within a part of the stroke"),
-        (False, False, ""),
+        (True, True, True, "the model lacks linear dynamics"),
+        (False, True, True, "a contact within a part of the stroke"),
+        (False, False, True, "smooth functions of position"),
+        (False, False, False, ""),
     ],
 )
-def test_the_answer_says_what_kind_of_model_explains_more(linear: bool, curve: bool, expected: str) -> None:
+def test_the_answer_says_what_kind_of_model_explains_more(
+    linear: bool, curve: bool, smooth: bool, expected: str
+) -> None:
     none: Any = None
     with mock.patch.multiple(
-        models_without_physics, is_better_linear=lambda *_: linear, is_better_curve=lambda *_: curve
+        models_without_physics,
+        is_better_linear=lambda *_: linear,
+        is_better_curve=lambda *_: curve,
+        is_better_smooth=lambda *_: smooth,
     ):
         said = models_without_physics.better_kind(none, none, none, none)
-    assert expected in said and bool(said) == (linear or curve)
+    assert expected in said and bool(said) == bool(expected)

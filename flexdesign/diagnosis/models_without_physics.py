@@ -44,16 +44,16 @@ from flexdesign.estimation.model_selection.sparse_residual_model import (
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
-#: Shape of a remainder if nonlinear effects only imitate linear dynamics.
+#: Why effects are not named if another kind of model explains more.
 LINEAR_IS_BETTER = (
     "a linear system of second order explains more than the effects that were tried, so that the model lacks linear "
     "dynamics, such as a sensor of velocity or acceleration, or a part of the reading that follows the command at once"
 )
-#: Shape of a remainder if several static effects are the first terms of a series for another curve.
 CURVE_IS_BETTER = (
     "a static curve of position and voltage explains more than the effects that were tried, so that the model lacks a "
     "nonlinearity without memory, such as a contact within a part of the stroke, or a sensor that is not straight"
 )
+SMOOTH_IS_BETTER = "smooth functions of position, velocity, voltage and time explain as much in the place of effects"
 
 
 # --- linear system --------------------------------------------------------------------------------------------------
@@ -254,16 +254,13 @@ def smooth_residual_model(data: DiagnosisData, task: EstimationTask, fit: Fitted
     return sparse_model(task, fit, basis_functions_of(data, fit))
 
 
-def is_better_without_physics(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
-    """Tell whether a linear system, a static curve or smooth functions explain more than the effects of a fit."""
-    return bool(better_kind(data, task, base, fit)) or is_better_smooth(data, task, base, fit)
-
-
 def better_kind(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> str:
     """Return what kind of model explains more than the effects of a fit, in words; empty if none does."""
     if is_better_linear(data, base, fit):
         return LINEAR_IS_BETTER
-    return CURVE_IS_BETTER if is_better_curve(data, task, base, fit) else ""
+    if is_better_curve(data, task, base, fit):
+        return CURVE_IS_BETTER
+    return SMOOTH_IS_BETTER if is_better_smooth(data, task, base, fit) else ""
 
 
 def is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:

@@ -32,7 +32,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 )
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, shown
-from flexdesign.diagnosis.models_without_physics import better_kind, smooth_residual_model
+from flexdesign.diagnosis.models_without_physics import smooth_residual_model
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, oversampling_of
 from flexdesign.diagnosis.result import Diagnosis
@@ -140,8 +140,6 @@ def diagnose(
         history, conclusion = _conclude(data, task, history, dynamics)
         progress("finding the intervals")
         diagnosis = diagnosis_of(model, data, history, conclusion)
-        if conclusion.verdict == "unknown" and (kind := better_kind(data, task, history.calibration, history.final)):
-            diagnosis = replace(diagnosis, remainder=f"{diagnosis.remainder}; {kind}")
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(diagnosis, evaluations=evaluations, seconds=perf_counter() - start_time)
 
@@ -156,14 +154,16 @@ def _conclude(
 ) -> tuple[SelectionHistory, Conclusion]:
     """Return the history with the parameters that the named effects leave undetermined, and the conclusion."""
     smooth_model = smooth_residual_model(data, task, history.final)
-    verdict, named, refusal = decide(data, task, history, smooth_model)
+    verdict, named, refusals = decide(data, task, history, smooth_model)
     named, held = hold_undetermined(task, named)
     history = replace(history, undetermined=(*history.undetermined, *held))
     determined = drop_undetermined(task, named)
     if determined is not named:  # the remaining effects must still explain enough
         kept = replace(history, fits=history.levels_to(determined)[1:])
-        verdict, named, _ = decide(data, task, kept, smooth_model)
-        refusal = refusal or "the 95 % interval of its strength holds its null"
+        lost = [name for name in named.names if name not in determined.names]
+        refusals |= dict.fromkeys(lost, "the 95 % interval of its strength holds its null")
+        verdict, named, others = decide(data, task, kept, smooth_model)
+        refusals |= others
     groups = confusable(task, named, history.steps)
     is_done = {*named.names} == {*history.final.names} and is_adequate(data, history.final, smooth_model)
     reported_conflicts, implied_effects = shown(
@@ -174,7 +174,7 @@ def _conclude(
     error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *history.levels_to(named))]
     return history, Conclusion(
         verdict=verdict,
-        refusal=refusal,
+        refusals=refusals,
         smooth_model=smooth_model,
         error_ladder=error_ladder,
         groups=groups,

@@ -217,8 +217,8 @@ class Diagnosis(ModelResiduals):
         Largest peak-to-peak reading of a run, and the change of a prediction that matters [response].
     undetermined
         Parameters that the runs do not determine, see `SelectionHistory`.
-    refusal
-        Why the possible effects are not named, in words.
+    refusals
+        Why effects that were added are not named, in words, by their names.
     """
 
     verdict: Verdict
@@ -238,4 +238,4 @@ class Diagnosis(ModelResiduals):
     stroke: float = 0.0
     tolerance: float = 0.0
     undetermined: tuple[str, ...] = ()
-    refusal: str = ""
+    refusals: Mapping[str, str] = field(default_factory=dict)

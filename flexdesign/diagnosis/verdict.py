@@ -12,7 +12,7 @@ from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict, displaced
-from flexdesign.diagnosis.models_without_physics import is_better_without_physics
+from flexdesign.diagnosis.models_without_physics import better_kind
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value, Verdict
 from flexdesign.dynamics.stage_model import StageModel
@@ -31,8 +31,8 @@ FEWEST_JUMPS = 3
 
 def decide(
     data: DiagnosisData, task: EstimationTask, history: SelectionHistory, left: SparseModel
-) -> tuple[Verdict, FittedModel, str]:
-    """Return the verdict, the fit whose effects are named, and why those of the last fit are not; empty if they are.
+) -> tuple[Verdict, FittedModel, dict[str, str]]:
+    """Return the verdict, the fit whose effects are named, and why each further effect of the last fit is not.
 
     Each effect must explain `LARGE` times the mean square that remains unexplained after the last effect that is named.
     A large and certain share is a finding, whatever else the model lacks. A residual below a stated tolerance counts as
@@ -46,26 +46,29 @@ def decide(
     every = history.levels
     adequate = is_adequate(data, history.final, left) and not relevant_ends(task, history.final)
     if adequate and (not history.final.effects or not data.noise.known or data.is_negligible(history.final)):
-        return ("effects-found" if history.final.effects else "nothing-missing"), history.final, ""
+        return ("effects-found" if history.final.effects else "nothing-missing"), history.final, {}
     rests = np.array([data.unexplained_rms(fit) ** 2 for fit in every])
     added = np.maximum(np.diff([len(fit.effects) for fit in every]), 1)
-    refusal = reason = ""
+    refusals = dict[str, str]()
     for named in range(len(every) - 1, 0, -1):
         fit = every[named]
         if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
             reason = "less than twice what then remains is explained"
-        elif adequate and fit is history.final:
-            return "effects-found", fit, ""
-        elif ends := [*relevant_ends(task, fit), *(n for n in _limits(fit) if is_end_relevant(task, fit, n))]:
-            reason = f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
-        elif moved := displaced(data, task, every[0], fit):
-            reason = f"with them the {_in_words(moved)} is more than twice or less than half what the model says"
-        elif is_better_without_physics(data, task, every[0], fit):
-            reason = "smooth functions, a static curve or a linear system explain as much in the place of effects"
         else:
-            return "effects-found", fit, refusal
-        refusal = refusal or reason  # that of the last fit
-    return "unknown", history.calibration, reason  # of the first effects, which explain most
+            reason = "" if adequate and fit is history.final else _approximation(data, task, every[0], fit)
+        if not reason:
+            return "effects-found", fit, refusals
+        refusals |= {name: reason for name in fit.names if name not in every[named - 1].names}
+    return "unknown", history.calibration, refusals
+
+
+def _approximation(data: DiagnosisData, task: EstimationTask, calibration: FittedModel, fit: FittedModel) -> str:
+    """Return why the effects of a fit may approximate something else; empty if nothing shows that they do."""
+    if ends := [*relevant_ends(task, fit), *(name for name in _limits(fit) if is_end_relevant(task, fit, name))]:
+        return f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
+    if moved := displaced(data, task, calibration, fit):
+        return f"with them the {_in_words(moved)} is more than twice or less than half what the model says"
+    return better_kind(data, task, calibration, fit)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,8 +77,8 @@ class Conclusion:
 
     Parameters
     ----------
-    verdict, refusal
-        The verdict; and why effects of the last fit are not named, empty if all are.
+    verdict, refusals
+        The verdict; and why effects of the last fit are not named, by their names.
     smooth_model
         Smooth functions that explain most of the residual of the last fit.
     error_ladder
@@ -92,7 +95,7 @@ class Conclusion:
     """
 
     verdict: Verdict
-    refusal: str
+    refusals: Mapping[str, str]
     smooth_model: SparseModel
     error_ladder: Sequence[FittedModel]
     groups: tuple[tuple[str, ...], ...]
@@ -155,7 +158,7 @@ def diagnosis_of(
         confidence=_confidence(data, history, nominal, calibration, final),
         responses=data.responses,
         lines=data.lines,
-        refusal=conclusion.refusal,
+        refusals=conclusion.refusals,
     )
 
 

@@ -95,11 +95,23 @@ def possible(diagnosis: Diagnosis) -> str:
     names = join_names([f"{join_names([effect_name(n) for n in step])} ({share})" for step, share in said.items()])
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in shares)
     is_one = len(shares) == 1
-    refusal = f" {'It is' if is_one else 'They are'} not named, as {diagnosis.refusal}." if diagnosis.refusal else ""
     return (
-        f"Possible, but not certain, with the explained share of what calibration leaves: {names}.{refusal} "
-        f"To fit {'it' if is_one else 'each of them'} all the same: {lines}."
+        f"Possible, but not certain, with the explained share of what calibration leaves: {names}."
+        f"{_why_not_named(diagnosis)} To fit {'it' if is_one else 'each of them'} all the same: {lines}."
     )
+
+
+def _why_not_named(diagnosis: Diagnosis) -> str:
+    """Return why possible effects are not named: a sentence for each reason, with a space before it."""
+    by_reason = dict[str, list[str]]()
+    for name in diagnosis.possible_effects:
+        if name in diagnosis.refusals:
+            by_reason.setdefault(diagnosis.refusals[name], []).append(name)
+    subjects = {reason: _sentence(join_names([effect_name(n) for n in names])) for reason, names in by_reason.items()}
+    if len(by_reason) == 1:
+        subjects = dict.fromkeys(by_reason, "It" if len(diagnosis.possible_effects) == 1 else "They")
+    verbs = {reason: "is" if len(names) == 1 else "are" for reason, names in by_reason.items()}
+    return "".join(f" {subjects[reason]} {verbs[reason]} not named, as {reason}." for reason in by_reason)
 
 
 def refused(diagnosis: Diagnosis) -> str:
