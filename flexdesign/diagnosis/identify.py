@@ -208,10 +208,10 @@ class _Search:
         self.held: dict[str, Held] = {}
         self.evaluations = 0
         # Simulations of 1e-5 of the span determine the best minimum: they are faster, and still below any noise.
-        self.dynamics = start.refined(100 * start.tolerance)
-        self.starts = self._fit(self.asked, starts, profiles=False).starts
+        self.dynamics = start
+        self.starts = self._fit(self.asked, starts, coarser=100.0).starts
         progress("fitting from the best minimum, and checking the intervals")
-        self.last: Fit | None = self._accurate_fit(self.asked)
+        self.last: Fit | None = self._fit(self.asked)
         self.verdicts: dict[str, Estimate] = {}  # of a parameter that is held the first one stays
         while self.last is not None and self.last.undetermined:
             self.verdicts = {name: self.last[name] for name in self.last.undetermined} | self.verdicts
@@ -227,7 +227,7 @@ class _Search:
             self.dynamics = dynamics.replace({name: value})
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
-            found = self._accurate_fit(others) if others else None
+            found = self._fit(others) if others else None
             rms = (
                 [m.rms for m in found.matches] if found else [compare_run(self.dynamics, r, 1.0).rms for r in self.runs]
             )
@@ -235,20 +235,16 @@ class _Search:
                 break
         return found
 
-    def _accurate_fit(self, free: Sequence[str]) -> Fit:
-        self.dynamics = self.dynamics.refined(self.start.tolerance)
-        return self._fit(free)
-
-    def _fit(self, free: Sequence[str], starts: int = 1, profiles: bool = True) -> Fit:
+    def _fit(self, free: Sequence[str], starts: int = 1, coarser: float = 1.0) -> Fit:
+        """Fit parameters from the present values, with simulations that are coarser by a factor."""
         owners = {name: name.partition(".")[0] for name in free}
         reveal = {name: effects.find(owner).reveal for name, owner in owners.items() if owner in effects.names()}
         found = estimation.fit(
-            self.dynamics,
+            self.dynamics.refined(coarser * self.start.tolerance),
             self.runs,
             free,
             known=self.known,
             starts=starts,
-            profiles=profiles,
             reveal=reveal,
             progress=self.progress if starts > 1 else lambda _: None,
         )

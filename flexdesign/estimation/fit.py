@@ -87,7 +87,6 @@ def fit(
     *,
     known: Mapping[str, tuple[float, float]] | None = None,
     starts: int = 8,
-    profiles: bool = True,
     reveal: Mapping[str, str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Fit:
@@ -107,8 +106,6 @@ def fit(
         Gaussian priors: means and standard deviations, SI; those of parameters that are not free are ignored.
     starts
         Largest number of starts.
-    profiles
-        Whether intervals are checked by profile likelihood: about five simulations per parameter if they are right.
     reveal
         The experiment that would reveal a parameter, by its name; for the reason of an undetermined parameter.
     progress
@@ -131,7 +128,7 @@ def fit(
         problem = Problem(dataset, model, where, each)
         first, summary, minima = multistart(problem, starts, progress)
         progress("checking the intervals")
-        best, found, intervals, is_better = check_intervals(first, range(len(free)), _converge, profiles)
+        best, found, intervals, is_better = check_intervals(first, range(len(free)), _converge)
         return Fit(
             model=problem.at(best.x),
             estimates=tuple(_with_advice(e, reveal or {}) for e in estimates(best, found, intervals, minima)),

@@ -15,7 +15,12 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import Observation
 from flexdesign.estimation import Fit, fit
+from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.least_squares.multistart import multistart
+from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
+from flexdesign.estimation.noise.autoregressive import White
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 T = np.linspace(0, 3, 400)
@@ -30,6 +35,10 @@ def sigma(found: Fit, name: str) -> float:
     deviation = found[name].sigma
     assert deviation is not None
     return deviation
+
+
+def offset(observation: Observation) -> tuple[Array, Array]:
+    return np.ones((len(observation.measured()), 1)), np.array([math.inf])
 
 
 def without(values: Array, *columns: Array) -> Array:
@@ -114,9 +123,10 @@ def test_a_better_point_met_while_checking_intervals_is_taken() -> None:
         lambda v, t: math.sqrt(3.8) * (v["x"] ** 2 - 1) * one + v["x"] / 2 * other, (parameter("x", -1.2, -5.0, 5.0),)
     )
     observed = [Run("two wells", T[:40], 0.5 * other + noise)]
-    stuck = fit(wells, observed, ["x"], profiles=False, starts=1)
+    problem = Problem(Dataset(observed, White(1.0), offset), wells, coordinates(wells, ["x"], {}))
+    (stuck,) = multistart(problem, 1, lambda _: None)[2]
     found = fit(wells, observed, ["x"], starts=1)
-    assert stuck.model.values()["x"] == pytest.approx(-1.0, abs=0.1)  # type: ignore[attr-defined]
+    assert stuck == pytest.approx([-1.0], abs=0.1)
     assert found.model.values()["x"] == pytest.approx(1.0, abs=1e-5)  # type: ignore[attr-defined]
     assert found.starts.is_unconfirmed
 
@@ -312,10 +322,9 @@ def test_a_limit_that_the_runs_stay_below_has_a_lower_limit() -> None:
 
 def test_a_parameter_without_influence_is_refused() -> None:
     idle = Toy(oscillation, (*OSCILLATION.every, parameter("idle", 1.0, 0.0, 2.0)))
-    for profiles in (True, False):
-        found = fit(idle, [noisy(OSCILLATION, TRUTH, 0.1)], [*TRUTH, "idle"], profiles=profiles)
-        assert found.undetermined == ("idle",) and found["idle"].reason == "does not show in these runs"
-        assert found["idle"].value_text == found["idle"].interval_text == ""
+    found = fit(idle, [noisy(OSCILLATION, TRUTH, 0.1)], [*TRUTH, "idle"])
+    assert found.undetermined == ("idle",) and found["idle"].reason == "does not show in these runs"
+    assert found["idle"].value_text == found["idle"].interval_text == ""
 
 
 def _narrowed(p: Any, name: str, plausible: tuple[float, float]) -> Any:

@@ -16,14 +16,10 @@ from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import join_names
 from flexdesign.core.model import Parameter
-from flexdesign.estimation.criterion import CONFIDENCE
+from flexdesign.estimation.criterion import CONFIDENCE, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, refine_minimum, solve
 from flexdesign.estimation.least_squares.residual_function import coordinate, value
-from flexdesign.estimation.uncertainty.intervals import ACCURACY, Profile, Uncertainty, profile, quadratic, uncertainty
-
-#: Parameters correlated more than this are named together if one of them is undetermined: its interval would be less
-#: than half as wide, sqrt(1 - 0.9^2), if the others were known.
-HIGH_CORRELATION = 0.9
+from flexdesign.estimation.uncertainty.intervals import ACCURACY, Profile, Uncertainty, profile, uncertainty
 
 
 @dataclass(frozen=True)
@@ -86,23 +82,11 @@ def estimates(
         The intervals of the coordinates, by index; None in the null space.
     """
     check = _Check(solution, uncertainty, profiles, minima)
-    made = []
-    for j, found in profiles.items():
-        parameter = solution.problem.where.parameters[j]
-        reason, interval = check.reason(j)
-        if reason or found is None:
-            made.append(Estimate(parameter, None, None, interval, False, reason))
-            continue
-        note, interval, sigma = "", check.interval(j, found), check.sigma(j)
-        if found.corrected:
-            note = "interval from the profile likelihood"
-            sigma = (interval[1] - interval[0]) / (2 * uncertainty.quantile)
-        made.append(Estimate(parameter, check.values[parameter.name], sigma, interval, True, note))
-    return tuple(made)
+    return tuple(check.estimate(j) for j in profiles)
 
 
 class _Check:
-    """Reasons why a parameter has no value."""
+    """Says of each parameter its value and interval, or why there is none."""
 
     def __init__(
         self,
@@ -119,6 +103,18 @@ class _Check:
         self.floor = solution.problem.dataset.floor
         self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
 
+    def estimate(self, j: int) -> Estimate:
+        """Return what the fit says about a parameter."""
+        parameter, profile = self.parameters[j], self.profiles[j]
+        reason, interval = self.reason(j)
+        if reason or profile is None or interval is None:
+            return Estimate(parameter, None, None, interval, False, reason)
+        sigma, number = self.sigma(j), self.values[parameter.name]
+        if not profile.corrected:
+            return Estimate(parameter, number, sigma, interval, True)
+        sigma = (interval[1] - interval[0]) / (2 * self.uncertainty.quantile)
+        return Estimate(parameter, number, sigma, interval, True, "interval from the profile likelihood")
+
     def reason(self, j: int) -> tuple[str, tuple[float, float] | None]:
         """Return why there is no value (empty if there is one), and the interval if any."""
         parameter, profile = self.parameters[j], self.profiles[j]
@@ -131,7 +127,8 @@ class _Check:
             if not profile.low - width <= other[j] <= profile.high + width:
                 here, there = (_text(parameter, value(parameter, float(x[j]))) for x in (self.solution.x, other))
                 return f"{here} and {there} fit alike", None
-        others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > HIGH_CORRELATION]
+        # Parameters are named together if one explains a large share of the variance of the other.
+        others = [i for i in range(len(self.names)) if i != j and self.correlation[i, j] ** 2 > large_share()]
         reason, interval = self.too_wide(j, profile)
         if not others or not (reason or (profile.corrected and self._are_undetermined(others))):
             return reason, interval
@@ -281,10 +278,7 @@ def _refine(near: Solution) -> tuple[Solution, Uncertainty]:
 
 
 def check_intervals(
-    solution: Solution,
-    places: Sequence[int],
-    refine: Callable[[Solution], tuple[Solution, Uncertainty]],
-    check: bool = True,
+    solution: Solution, places: Sequence[int], refine: Callable[[Solution], tuple[Solution, Uncertainty]]
 ) -> tuple[Solution, Uncertainty, Profiles, bool]:
     """Return a fit, its uncertainty, the intervals of some coordinates, and whether the fit was repeated.
 
@@ -292,7 +286,7 @@ def check_intervals(
     """
     for refits in range(3):
         solution, found = refine(solution)
-        made = profiles_of(solution, found, places, check)
+        made = profiles_of(solution, found, places)
         better = next((p.better for p in made.values() if p is not None and p.better is not None), None)
         if better is None or refits == 2:
             break
@@ -300,10 +294,9 @@ def check_intervals(
     return solution, found, made, refits > 0
 
 
-def profiles_of(solution: Solution, found: Uncertainty, places: Sequence[int], check: bool = True) -> Profiles:
-    """Return the intervals of some coordinates, with the ends checked by profiles or not; None in the null space."""
+def profiles_of(solution: Solution, found: Uncertainty, places: Sequence[int]) -> Profiles:
+    """Return the intervals of some coordinates, with the ends checked by profiles; None in the null space."""
     # A coordinate without influence in small steps may have some in large ones: a limit far above all readings.
-    chosen = [j for j in places if not found.in_null_space(j) or (check and not found.confounded_with(j))]
-    make = profile if check else quadratic
-    made = dict(zip(chosen, solution.problem.each(lambda j: make(solution, found, j), chosen), strict=True))
+    chosen = [j for j in places if not found.in_null_space(j) or not found.confounded_with(j)]
+    made = dict(zip(chosen, solution.problem.each(lambda j: profile(solution, found, j), chosen), strict=True))
     return {j: made.get(j) for j in places}

@@ -210,13 +210,6 @@ class Profile:
     better: Array | None = None
 
 
-def quadratic(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
-    """Return the interval of coordinate `j` as the covariance gives it; open where it leaves the bounds."""
-    low, high = solution.problem.where.lower[j], solution.problem.where.upper[j]
-    ends = solution.x[j] - uncertainty.half_width[j], solution.x[j] + uncertainty.half_width[j]
-    return Profile(max(ends[0], low), min(ends[1], high), ends[0] <= low, ends[1] >= high, False)
-
-
 @lru_cache(maxsize=16)  # the strength of an effect is asked for before all numbers are
 def profile(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
     """Return the interval of coordinate `j`, each end checked by fitting the others again."""
