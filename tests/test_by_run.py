@@ -72,7 +72,7 @@ def test_a_drift_whose_rate_differs_is_found_with_the_rate_of_each_run(rates: tu
     (mean,) = drift.values
     assert mean.value == rate_of(float(np.mean(rates[:4])), rates)
     assert found.model.axes["x"].effects["sensor_drift"]["rate"] == pytest.approx(mean.value, rel=1e-9)
-    assert found.validation_error == pytest.approx(NOISE, rel=0.05)
+    assert found.error == pytest.approx(NOISE, rel=0.05)
     # What a further run may have is told by the scatter of the runs.
     better = add_effect.with_knowledge(found.model, "x", add_effect.values(found), found.runs)
     known = better.axes["x"].uncertainty["sensor_drift.rate"] * abs(mean.value)

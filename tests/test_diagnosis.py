@@ -423,7 +423,7 @@ def test_errors_are_stated_of_test_runs_and_nothing_is_chosen_by_them() -> None:
     found = judged(about, calibrated, fit(about, LITTLE, LITTLE, [creep(about)], tests=100.0))
     assert [(rung.error / NOISE) ** 2 for rung in found.error_ladder] == pytest.approx([400, 400, 100])
     assert (found.verdict, found.remainder) == ("effects-found", "")
-    assert found.validation_error == pytest.approx(10 * NOISE)
+    assert found.error == pytest.approx(10 * NOISE)
     # However well the test run is predicted, it names nothing.
     assert judged(about, calibrated, fit(about, MUCH - 1, MUCH - 1, [creep(about)], tests=1.0)).verdict == "unknown"
 
@@ -478,7 +478,7 @@ def test_a_ladder_and_shares_are_those_of_the_stands() -> None:
     assert [(rung.error / NOISE) ** 2 for rung in found.error_ladder] == pytest.approx([101, 101, 2])
     assert found.effects[0].share == pytest.approx((101 - 2) / 100)
     assert found.noise_floor == pytest.approx(NOISE)
-    assert found.validation_error == pytest.approx(NOISE * math.sqrt(2))
+    assert found.error == pytest.approx(NOISE * math.sqrt(2))
     for value in (*found.effects[0].values, *found.calibration):
         assert value.interval[0] < value.value < value.interval[1]
     # Half of an interval is 1.96 standard deviations, wider where more than noise stays.
@@ -940,7 +940,7 @@ def test_creep_is_named() -> None:
     assert named.name == "creep"
     for value, truth in zip(named.values, (0.02, 0.1), strict=True):
         assert value.interval[0] < truth < value.interval[1]
-    assert found.validation_error < 1.15 * found.noise_floor < found.error_ladder[1].error
+    assert found.error < 1.15 * found.noise_floor < found.error_ladder[1].error
     assert found.remainder == ""
 
 
@@ -1058,4 +1058,4 @@ def test_hysteresis_is_named_from_a_linear_start() -> None:
     assert found.verdict == "effects-found"
     assert "bouc_wen" in (*(effect.name for effect in found.effects), *itertools.chain(*found.confusable))
     assert len(found.effects) == 1
-    assert found.validation_error < 1.15 * found.noise_floor
+    assert found.error < 1.15 * found.noise_floor

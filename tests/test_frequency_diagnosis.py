@@ -293,7 +293,7 @@ def test_errors_are_shares_of_the_line() -> None:
     assert share == pytest.approx(0.05 / 1.05, abs=2e-4)
     ladder = diagnosis_report.ladder_table(found)
     assert dict(zip(ladder.columns, ladder.rows[0], strict=True))["of the line"] == "4.8 %"
-    assert found.validation_error < response_pages.line_size(found)
+    assert found.error < response_pages.line_size(found)
     assert "of the line" in diagnosis_text.verdict(found)
 
 

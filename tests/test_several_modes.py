@@ -151,7 +151,7 @@ def test_a_lightly_damped_mode_that_rings_all_the_time_hides_nothing_and_is_noth
     runs = [steady(role, role, seed, [], delay=delay, damping=0.004) for seed, role in enumerate(ROLES)]
     found = diagnose(StageModel({"x": steady_axis(0.01)}), runs, threads=1)
     assert (found.verdict, found.remainder) == ("effects-found" if delay else "nothing-missing", "")
-    assert found.validation_error == pytest.approx(2e-8, rel=0.1)
+    assert found.error == pytest.approx(2e-8, rel=0.1)
     if delay:  # the best lag, with the best trigger, leaves chi^2 72 % above the noise: the mode rings too well
         (named,) = found.effects
         assert (named.name, found.confusable) == ("transport_delay", ())
@@ -172,7 +172,7 @@ def test_modes_are_found_in_records_that_begin_while_they_ring(modes: str) -> No
     found = diagnose(StageModel({"x": steady_axis(0.03)}), runs, threads=1)
     assert (found.verdict, found.remainder) == ("effects-found", "")
     assert len(found.effects) == len(truth)
-    assert found.validation_error == pytest.approx(2e-8, rel=0.3)
+    assert found.error == pytest.approx(2e-8, rel=0.3)
     for share, at, zeta in truth:
         near = min(found.effects, key=lambda named: abs(named.values[1].value - at))
         for value, number in zip(near.values, (share, at, zeta), strict=True):

@@ -163,6 +163,6 @@ def test_a_second_mode_is_found_in_a_long_sweep(monkeypatch: pytest.MonkeyPatch)
         low, high = value.interval
         margin = 0.5 * (high - low)  # of three intervals of 95 % one may miss the truth by a little
         assert low - margin < truth[value.parameter.name.rpartition(".")[2]] < high + margin
-    assert found.validation_error == pytest.approx(NOISE, rel=0.02)
+    assert found.error == pytest.approx(NOISE, rel=0.02)
     assert any("windows" in text for text in said)
     assert "Of 60000 samples, effects were searched in 12 windows of 1000" in " ".join(str(found).split())

@@ -77,11 +77,6 @@ class Confronted(ModelResiduals):
     is_rough: bool = False
 
     @property
-    def error(self) -> float:
-        """Rms residual of the scored runs [response]."""
-        return self.error_ladder[-1].error
-
-    @property
     def ratio(self) -> float:
         """The error over the noise floor."""
         return self.error / self.noise_floor
@@ -165,8 +160,7 @@ class Confrontation:
             nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.PRIOR_BOUND), self._dynamics)
         self._nominal = predict_tests(self._case, nominal)
         self._kept: dict[tuple[str, ...], _CachedFit] = {}
-        self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
-        self._entered: dict[tuple[str, ...], tuple[float, Entry | None]] = {}
+        self._screened: dict[tuple[tuple[str, ...], str], tuple[float, list[Entry]]] = {}
         self._values: dict[tuple[str, ...], tuple[Value, ...]] = {}
         self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
@@ -250,22 +244,30 @@ class Confrontation:
         }
         return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 
-    def _screening(self, chosen: tuple[str, ...]) -> tuple[float, list[Entry]]:
-        if chosen not in self._screened:
-            expansion_points = () if chosen else self._calibrated_task.expansion_points
-            fit = self._kept[chosen].fit
-            score, quick = screen(self.task, fit, self.catalogue, expansion_points)
-            rough = fit_roughly(self.task, fit, quick)
-            fitted = {entry.names for entry in rough}
-            self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
-        return self._screened[chosen]
+    def _screening(self, others: tuple[str, ...], name: str = "") -> tuple[float, list[Entry]]:
+        """Return the critical value of scores, and the fits of an effect in addition to others; by default of all.
+
+        Rough fits come before quick ones. Those of all effects serve for each of them.
+        """
+        for key in ((others, ""), (others, name)):
+            if key in self._screened:
+                return self._screened[key]
+        expansion_points = () if others else self._calibrated_task.expansion_points
+        fit = self._kept[others].fit
+        tried = [candidate for candidate in self.catalogue if name in ("", candidate.name)]
+        score, quick = screen(self.task, fit, tried, expansion_points)
+        rough = fit_roughly(self.task, fit, quick)
+        fitted = {entry.names for entry in rough}
+        self._screened[key] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
+        return self._screened[key]
 
     def _fit_last_effect(self, chosen: tuple[str, ...], roughly: bool) -> _CachedFit:
         """Fit the last of some effects in addition to the others, roughly or to the end."""
         *others, name = chosen
         candidate = self._candidate(name, others)
         fit = self._kept[tuple(others)].fit
-        score, entry = self._entry(chosen, candidate)
+        score, entries = self._screening(tuple(others), name)
+        entry = next((entry for entry in entries if entry.names == (name,)), None)
         if entry is not None and roughly and (rough := evaluate_fit(self.task, entry.solution, entry.start.effects)):
             return _CachedFit(predict_tests(self.task, rough), is_rough=True)
         trial = None if entry is None else finish(self.task, fit, entry, score)
@@ -274,18 +276,6 @@ class Confrontation:
         # It promises nothing; its value then says how large it may be at most.
         made = predict_tests(self.task, fit_candidate(self.task, fit, candidate, roughly=roughly))
         return _CachedFit(made, "" if roughly else "no more than chance gives", roughly)
-
-    def _entry(self, chosen: tuple[str, ...], candidate: Candidate) -> tuple[float, Entry | None]:
-        """Return the critical value of scores, and a rough fit with the last effect; None if it promises nothing."""
-        others = chosen[:-1]
-        if others in self._screened:
-            score, entries = self._screened[others]
-            return score, next((entry for entry in entries if entry.names == (candidate.name,)), None)
-        if chosen not in self._entered:
-            fit, expansion_points = self._kept[others].fit, () if others else self._calibrated_task.expansion_points
-            score, quick = screen(self.task, fit, [candidate], expansion_points)
-            self._entered[chosen] = score, next(iter(fit_roughly(self.task, fit, quick)), None)
-        return self._entered[chosen]
 
     def _candidate(self, name: str, others: Sequence[str]) -> Candidate:
         found = next((each for each in self.catalogue if each.name == name), None)

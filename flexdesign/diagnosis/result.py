@@ -60,6 +60,11 @@ class ModelResiduals:
     error_ladder: tuple[ErrorStep, ...] = ()
     noise_floor: float = 0.0
 
+    @property
+    def error(self) -> float:
+        """Rms residual of the scored runs, the last step of the error ladder [response]."""
+        return self.error_ladder[-1].error
+
 
 def compare_model(found: ModelResiduals, which: Which) -> Comparison:
     """Compare the runs with one of the two models, as `diagnosis.comparison` does with a given model."""
@@ -201,8 +206,6 @@ class Diagnosis(ModelResiduals):
         Fitted values of the parameters of the model itself.
     conflicts
         Parameters that moved by more than three standard deviations of their prior, in words.
-    validation_error
-        Rms residual of the validation runs [response].
     sparse_model
         Smooth functions that explain most of the residual of the last fit.
     remainder
@@ -228,7 +231,6 @@ class Diagnosis(ModelResiduals):
     candidates: tuple[CandidateRecord, ...]
     calibration: tuple[Value, ...]
     conflicts: tuple[str, ...]
-    validation_error: float
     sparse_model: SparseModel
     remainder: str
     confidence: str

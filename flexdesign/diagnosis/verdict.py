@@ -146,7 +146,6 @@ def diagnosis_of(
         conflicts=tuple(conflict.words for conflict in conclusion.conflicts),
         noise=data.noise,
         noise_floor=data.noise_rms,
-        validation_error=data.test_error(final),
         sparse_model=conclusion.smooth_model,
         remainder=shape,
         remainder_rms=0.0 if is_noise else math.sqrt(unexplained),

@@ -79,9 +79,8 @@ def answer(recording: Recording, folder: Path, without: str = "") -> Answer:
         except TimeoutError:
             return Answer(recording.title, without, f"no end in {LONGEST:g} s", math.inf, "", process_time() - began)
     named = " and ".join(diagnosis_text.effect_name(each.name) for each in found.effects) or found.verdict
-    error = found.validation_error if found.effects else found.error_ladder[-1].error
-    text = comparison_text.error(diagnosis_text.response(found), error)
-    return Answer(recording.title, without, named, error, text, process_time() - began, tuple(sorted(acted)))
+    text = comparison_text.error(diagnosis_text.response(found), found.error)
+    return Answer(recording.title, without, named, found.error, text, process_time() - began, tuple(sorted(acted)))
 
 
 def find(folder: Path) -> list[Recording]:

@@ -33,7 +33,7 @@ def diagnose(folder: Path, answer: Answer) -> Diagnosed:
         named=tuple(named.name for named in found.effects),
         groups=tuple(tuple(group) for group in found.confusable),
         floor=float(found.noise_floor),
-        error=float(found.validation_error if error is None else error),
+        error=float(found.error if error is None else error),
         inside=inside,
         seconds=seconds,
         is_tested=error is not None,

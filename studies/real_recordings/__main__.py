@@ -65,7 +65,7 @@ def row(title: str, found: Diagnosis, seconds: float) -> tuple[str, ...]:
     errors = {rung.label: words.error(si, rung.error) for rung in found.error_ladder}
     named = ", ".join(said.effect_name(each.name) for each in found.effects) or "–"
     rest = words.error(si, found.remainder_rms) if found.remainder_rms else "noise"
-    with_effects = words.error(si, found.validation_error) if found.effects else "–"
+    with_effects = words.error(si, found.error) if found.effects else "–"
     errors_before = errors["as designed"], errors["recalibrated"]
     return title, found.verdict, named, *errors_before, with_effects, rest, f"{seconds:.0f} s"
 

@@ -37,7 +37,7 @@ def result(diagnosis: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any
         "near_shares": diagnosis.possible_effects,
         "ladder": ladder_json(diagnosis.error_ladder, si),
         "noise_floor": noise_json(diagnosis.noise, diagnosis.noise_floor, si),
-        "validation_error": _number(diagnosis.validation_error, si),
+        "validation_error": _number(diagnosis.error, si),
         **({"line_size": _number(response_pages.line_size(diagnosis), si)} if not diagnosis.runs else {}),
         "remainder": {
             "rms": _number(diagnosis.remainder_rms, si),

@@ -46,10 +46,8 @@ def effect_name(name: str) -> str:
 
 def verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict in a few sentences: what is missing, the error with it, and the residual."""
-    error = of_line(diagnosis, diagnosis.validation_error) + words.error(
-        response(diagnosis), diagnosis.validation_error
-    )
-    error += _of_stroke(diagnosis, diagnosis.validation_error)
+    error = of_line(diagnosis, diagnosis.error) + words.error(response(diagnosis), diagnosis.error)
+    error += _of_stroke(diagnosis, diagnosis.error)
     runs = validated_on(observations(diagnosis))
     if diagnosis.verdict == "nothing-missing":
         sentences = f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms"
@@ -69,7 +67,7 @@ def _remains(diagnosis: Diagnosis) -> str:
     A residual that counts as noise may be larger than the noise that quiet stretches show.
     """
     if not diagnosis.remainder_rms:
-        ratio = diagnosis.validation_error / diagnosis.noise_floor if diagnosis.noise.known else 0.0
+        ratio = diagnosis.error / diagnosis.noise_floor if diagnosis.noise.known else 0.0
         if ratio < LARGE:
             return ""
         return (
