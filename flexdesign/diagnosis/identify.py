@@ -134,7 +134,7 @@ def identify(
         number is unknown, or no run may be fitted.
     """
     name = choose_axis(model, runs, axis)
-    seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
+    seen = tuple(_with_remark(of_axis(run, name, model.axes[name]), name) for run in runs)
     if not any(run.role == "identify" for run in seen):
         remedy = "all are kept for validation or testing; name a run with role identify"
         raise InputError("command line", "RUNS", None, remedy)
@@ -146,14 +146,7 @@ def identify(
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
     dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
-    in_a_loop = "recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit"
     matches = tuple(compare_run(dynamics, run, noise.rms[run.name]) for run in seen)
-    matches = tuple(
-        replace(each, remarks=(*each.remarks, in_a_loop))
-        if run.closed_loop or {"r", f"r{name}"} & {*run.columns}
-        else each
-        for each, run in zip(matches, seen, strict=True)
-    )
     estimates = [search.verdicts[name] for name in asked]
     if exceeds_noise(matches, noise):  # an interval would count the noise, but not the physics that the model lacks
         estimates = [replace(e, sigma=None, interval=None, reason="") if e.determined else e for e in estimates]
@@ -177,13 +170,19 @@ def identify(
     )
 
 
+def _with_remark(run: Run, axis: str) -> Run:
+    """Return a run that says so if it was recorded in a closed loop."""
+    if not (run.closed_loop or {"r", f"r{axis}"} & {*run.columns}):
+        return run
+    in_a_loop = "recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit"
+    return replace(run, remarks=(*run.remarks, in_a_loop))
+
+
 def misfit(matches: Sequence[RunComparison]) -> tuple[float, int]:
     """Return the residual of the fitted runs over their noise, a ratio of rms values, and the number of samples."""
-    squares, count = 0.0, 0
-    for match in (match for match in matches if match.role == "identify"):
-        samples = int(np.isfinite(match.measured).sum())
-        squares, count = squares + samples * match.ratio**2, count + samples
-    return math.sqrt(squares / count), count
+    fitted = [match for match in matches if match.role == "identify"]
+    counts = [int(np.isfinite(match.measured).sum()) for match in fitted]
+    return math.sqrt(np.average([match.ratio**2 for match in fitted], weights=counts)), sum(counts)
 
 
 def exceeds_noise(matches: Sequence[RunComparison], noise: NoiseFloor) -> bool:
