@@ -36,6 +36,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.estimation.criterion import INCLUDES_NULL, NOT_DETERMINED
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 from flexdesign.estimation.least_squares.residual_function import value as value_at
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
@@ -622,6 +623,28 @@ def test_a_residual_far_below_the_noise_tells_that_it_is_overstated(share: float
     first = fit(about, share, share)
     assert not about.observed("test") and about.observed("validate")
     assert ("noise, which is overstated" in judged(about, first, first).confidence) is is_overstated
+
+
+@pytest.mark.parametrize(
+    ("refused", "is_determined", "expected"),
+    [
+        ("", True, ""),
+        (f"creep.per_decade {NOT_DETERMINED}", True, ""),
+        ("", False, f"creep.per_decade {INCLUDES_NULL}"),
+        ("no more than chance gives", True, "no more than chance gives"),
+    ],
+)
+def test_an_added_effect_is_judged_by_the_interval_that_is_stated(
+    refused: str, is_determined: bool, expected: str
+) -> None:
+    about = data()
+    first, final = fit(about, MUCH, MUCH), fit(about, LITTLE, LITTLE, [creep(about)])
+    trial = replace(trial_of(first, final), reason=refused)
+    history = SelectionHistory(first, first, (), (Step(None, (trial,)),))
+    kept: Any = lambda _, fit: fit if is_determined else first  # noqa: E731
+    with mock.patch.object(add_effect, "drop_undetermined", kept):
+        found = add_effect._fit_addition(mock.sentinel.task, history, creep(about))
+    assert found == (final, expected)
 
 
 def test_why_possible_effects_are_not_named_is_said() -> None:

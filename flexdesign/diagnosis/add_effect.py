@@ -29,12 +29,12 @@ from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_ex
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import StageModel, fields
-from flexdesign.estimation.criterion import HALF_WIDTH
+from flexdesign.estimation.criterion import HALF_WIDTH, INCLUDES_NULL, NOT_DETERMINED
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
 from flexdesign.estimation.model_selection.forward_selection import fit_candidate
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import SelectionHistory
+from flexdesign.estimation.model_selection.stepwise_selection import SelectionHistory, drop_undetermined
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
@@ -156,11 +156,13 @@ def add(
 def _fit_addition(task: EstimationTask, history: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
     """Return the fit with an effect, and why the effect is not needed."""
     step = history.steps[0]
-    if step.trials:
-        best = step.chosen or step.trials[0]
+    if not step.trials:  # the effect has no significant score; its interval then says how large it may be at most
+        return fit_candidate(task, history.calibration, candidate), "no more than chance gives"
+    best = step.chosen or step.trials[0]
+    if best.reason and not best.reason.endswith(NOT_DETERMINED):
         return best.fit, best.reason
-    # The effect has no significant score; its interval then says how large it may be at most.
-    return fit_candidate(task, history.calibration, candidate), "no more than chance gives"
+    # Trials are compared by the covariance; the interval that is stated with the effect decides.
+    return best.fit, "" if drop_undetermined(task, best.fit) is best.fit else f"{candidate.strength} {INCLUDES_NULL}"
 
 
 def _check(data: DiagnosisData, name: str, model: StageModel) -> None:

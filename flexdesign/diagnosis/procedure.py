@@ -41,7 +41,7 @@ from flexdesign.diagnosis.windowed_selection import describe, forward_in_windows
 from flexdesign.dynamics.axis.axis_model import TRIGGERED_WITHIN, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.criterion import INDISTINGUISHABLE, is_worse
+from flexdesign.estimation.criterion import INCLUDES_NULL, INDISTINGUISHABLE, is_worse
 from flexdesign.estimation.least_squares.levenberg_marquardt import INEXACT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -160,8 +160,8 @@ def _conclude(
     determined = drop_undetermined(task, named)
     if determined is not named:  # the remaining effects must still explain enough
         kept = replace(history, fits=history.levels_to(determined)[1:])
-        lost = [name for name in named.names if name not in determined.names]
-        refusals |= dict.fromkeys(lost, "the 95 % interval of its strength holds its null")
+        lost = [effect for effect in named.effects if effect.name not in determined.names]
+        refusals |= {effect.name: f"{effect.strength} {INCLUDES_NULL}" for effect in lost}
         verdict, named, others = decide(data, task, kept, smooth_model)
         refusals |= others
     groups = confusable(task, named, history.steps)

@@ -45,6 +45,8 @@ SHARE_OF_RANGE = 0.5
 LARGE = 2.0
 #: Reason why an effect is not added, after the names of its strengths.
 NOT_DETERMINED = "is not determined: its null is less than 1.96 standard errors away"
+#: Reason why an added effect is not named, after the name of its strength.
+INCLUDES_NULL = "is not determined: its 95 % interval includes its null"
 
 
 @dataclass(frozen=True)

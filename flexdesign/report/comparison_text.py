@@ -12,7 +12,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import join_names
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, Part
 from flexdesign.dynamics.stage_model import ResponseUnits
-from flexdesign.estimation.criterion import NOT_DETERMINED
+from flexdesign.estimation.criterion import INCLUDES_NULL, NOT_DETERMINED
 
 #: A breakdown with less contrast than this says that all parts are alike.
 UNIFORM = 0.1
@@ -218,10 +218,15 @@ def not_added(subject: str, reason: str) -> str:
     'It is not determined: the fit puts second_mode.share at the end of what is plausible.'
     >>> not_added("It", "creep.share is not determined: its null is less than 1.96 standard errors away")
     'It is not determined: the null of creep.share is less than 1.96 standard errors away.'
+    >>> not_added("It", "creep.share is not determined: its 95 % interval includes its null")
+    'It is not determined: the 95 % interval of creep.share includes its null.'
     """
     numbers, is_open, _ = reason.partition(f" {NOT_DETERMINED}")
     if is_open:
         return f"{subject} is not determined: the null of {numbers} is less than 1.96 standard errors away."
+    numbers, is_open, _ = reason.partition(f" {INCLUDES_NULL}")
+    if is_open:
+        return f"{subject} is not determined: the 95 % interval of {numbers} includes its null."
     if reason.endswith("at the end of what is plausible"):
         return f"{subject} is not determined: the fit puts {reason}."
     return f"{subject} is not needed: it {'explains ' if reason.startswith('no more') else ''}{reason}."
