@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter
 
@@ -21,7 +21,7 @@ from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_
 from flexdesign.diagnosis.identify import known_axis
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.spectra import line_frequencies, mode_frequencies
-from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, ModelResiduals, Value
+from flexdesign.diagnosis.result import Diagnosis, IdentifiedEffect, ModelResiduals, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_run import acts_before_stack
@@ -41,36 +41,26 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 SHOWN_REFERENCES, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
 
 
-@dataclass(frozen=True, eq=False)
-class AddedEffect(ModelResiduals):
-    """A stage model with one more effect.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AddedEffect(IdentifiedEffect, ModelResiduals):
+    """An effect that was added to a stage model, needed or not.
 
     Parameters
     ----------
-    name
-        The effect.
     without
         The recalibrated stage model, without the effect.
-    values, calibration
-        Fitted values of the parameters of the effect, and of the model itself.
-    share
-        Share of the mean square above the noise that recalibration leaves unexplained, which the effect explains.
+    calibration
+        Fitted values of the parameters of the model itself.
     reason
         Why the effect is not needed; empty if it is.
     seconds
         Time that the fit took [s].
-    by_run
-        Strength of the effect in each run, if it differs from run to run.
     """
 
-    name: str
     without: StageModel
-    values: tuple[Value, ...]
     calibration: tuple[Value, ...]
-    share: float
     reason: str
     seconds: float
-    by_run: Mapping[str, Value] = field(default_factory=dict)
 
 
 def add(
@@ -123,33 +113,30 @@ def add(
         (candidate,) = alone(history.calibration)
         final, reason = _fit_addition(task, history, candidate)
         error_ladder = [predict_tests(task, fit) for fit in (history.nominal, history.calibration, final)]
+        final = error_ladder[-1]
         values = verdict.values_of(final)
-        of_effect = tuple(values[number] for number in candidate.free)
-        named = with_runs(IdentifiedEffect(name, of_effect, 0.0), of_runs(task, final))
+        named = with_runs(verdict.identified_effect(data, error_ladder[1:], name, values), of_runs(task, final))
         own_values = tuple(values[number] for number in verdict.own_numbers(final))
-    errors = [data.test_error(fit) for fit in error_ladder]
-    unexplained = max(errors[1] ** 2 - data.known_test_noise_rms**2, 1e-300)
     numbers, fitted_model = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
-    labels = ("as designed", "recalibrated", f"+ {name}")
     return AddedEffect(
         name=name,
+        values=named.values,
+        share=named.share,
+        by_run=named.by_run,
         axis=data.name,
         before=model,
         without=verdict.model_of(model, data, history.calibration, {}),
         model=with_knowledge(fitted_model, data.name, numbers, data.recorded),
-        values=named.values,
         calibration=own_values,
-        error_ladder=tuple(ErrorStep(label, error) for label, error in zip(labels, errors, strict=True)),
+        error_ladder=verdict.error_steps(data, error_ladder),
         noise=data.noise,
         noise_floor=data.noise_rms,
-        share=float(np.clip((errors[1] ** 2 - errors[2] ** 2) / unexplained, 0.0, 1.0)),
         reason=reason,
         runs=data.runs,
-        residuals_by_run={"calibrated": error_ladder[1].residuals_by_run, "found": error_ladder[2].residuals_by_run},
+        residuals_by_run={"calibrated": error_ladder[1].residuals_by_run, "found": final.residuals_by_run},
         seconds=perf_counter() - began,
         responses=data.responses,
         lines=data.lines,
-        by_run=named.by_run,
     )
 
 

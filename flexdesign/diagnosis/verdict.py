@@ -110,36 +110,27 @@ def diagnosis_of(
 ) -> Diagnosis:
     """Return the diagnosis that states a conclusion, with intervals, shares and the model that was found."""
     error_ladder, implied_effects = conclusion.error_ladder, conclusion.implied_effects
-    final, (nominal, calibration, *_) = error_ladder[-1], error_ladder
+    calibration, final = error_ladder[1], error_ladder[-1]
     is_noise = is_adequate(data, history.final, conclusion.smooth_model)
     shape = "" if is_noise else _describe(data, history.final, conclusion.smooth_model)
     if is_noise and not {*history.final.names} <= {*final.names}:
         is_noise, shape = False, _describe_size(data, final)  # effects that are not named explain it
     unexplained = max(data.test_error(final) ** 2 - data.known_test_noise_rms**2, 0.0)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
-    steps = _error_steps(data, error_ladder)
+    steps = error_steps(data, error_ladder)
     if conclusion.offset_rms is not None:  # shows what the initial conditions of the runs explain
         steps = (ErrorStep("as designed, offsets alone", conclusion.offset_rms), *steps)
-    effects = tuple(
-        with_runs(_identified_effect(data, error_ladder[1:], name, values), conclusion.by_run) for name in final.names
-    )
-    groups = conclusion.groups
-    if implied_effects:
-        effects = (*effects, *(conflict.named for conflict in implied_effects if conflict.named))
-        groups = (*groups, *(conflict.group for conflict in implied_effects if len(conflict.group) > 1))
-    unnamed = {
-        name: _share(data, history.levels, name, data.selecting, data.known_noise_rms)
-        for name in history.final.names
-        if name not in final.names
-    }
+    named = [with_runs(identified_effect(data, error_ladder[1:], n, values), conclusion.by_run) for n in final.names]
+    unnamed = [name for name in history.final.names if name not in final.names]
+    shares = {name: _share(data, history.levels, name, data.selecting, data.known_noise_rms) for name in unnamed}
     return Diagnosis(
         verdict="effects-found" if implied_effects else conclusion.verdict,
         axis=data.name,
         before=model,
         model=model_of(model, data, final, values, implied_effects),
-        effects=effects,
-        confusable=groups,
-        possible_effects={name: share for name, share in unnamed.items() if share > 0},
+        effects=(*named, *(conflict.named for conflict in implied_effects if conflict.named)),
+        confusable=(*conclusion.groups, *(c.group for c in implied_effects if len(c.group) > 1)),
+        possible_effects={name: share for name, share in shares.items() if share > 0},
         candidates=_candidate_records(history.steps),
         error_ladder=steps,
         calibration=tuple(values[name] for name in own_numbers(final)),
@@ -154,23 +145,17 @@ def diagnosis_of(
         undetermined=history.undetermined,
         residuals_by_run={"calibrated": calibration.residuals_by_run, "found": final.residuals_by_run},
         runs=data.runs,
-        confidence=_confidence(data, history, nominal, calibration, final),
+        confidence=_confidence(data, history, error_ladder),
         responses=data.responses,
         lines=data.lines,
         refusals=conclusion.refusals,
     )
 
 
-def _confidence(
-    data: DiagnosisData,
-    history: SelectionHistory,
-    nominal: FittedModel,
-    calibration: FittedModel,
-    final: FittedModel,
-) -> str:
+def _confidence(data: DiagnosisData, history: SelectionHistory, error_ladder: Sequence[FittedModel]) -> str:
     """Return what weakens the verdict, in words; the fits have the residuals of the test runs."""
-    residuals = history.nominal.residuals_by_run
-    doubt = reversal_doubt(data.runs, data.responses, residuals)
+    nominal, calibration, final = *error_ladder[:2], error_ladder[-1]
+    doubt = reversal_doubt(data.runs, data.responses, history.nominal.residuals_by_run)
     remarks = [doubt] if doubt else []
     if not data.noise.known:
         remarks.append(
@@ -224,9 +209,10 @@ def _limits(fit: FittedModel) -> list[str]:
     return ends
 
 
-def _identified_effect(
+def identified_effect(
     data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, values: Mapping[str, Value]
 ) -> IdentifiedEffect:
+    """Return an effect of the last fit with its values and its share; the first fit is the calibrated one."""
     final = error_ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
     shares = [_share(data, error_ladder, name, data.scored, data.known_test_noise_rms)]
@@ -291,7 +277,8 @@ def _candidate_records(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
     return tuple(records)
 
 
-def _error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
+def error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
+    """Return the steps of the error ladder: of the model as designed, as calibrated, and with effects."""
     labels = ("as designed", "recalibrated")
     steps = [ErrorStep(label, data.test_error(fit)) for label, fit in zip(labels, error_ladder, strict=False)]
     before: tuple[str, ...] = ()
