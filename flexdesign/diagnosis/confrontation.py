@@ -105,6 +105,11 @@ class _CachedFit:
     reason: str = ""
     is_rough: bool = False
 
+    @cached_property
+    def values(self) -> tuple[Value, ...]:
+        """The parameters that belong to no run, with their 95 % intervals, at the values that are shown."""
+        return tuple(verdict.values_of(self.fit, is_fitted=False).values())
+
 
 class Confrontation:
     """A stage model and recordings, ready for effects to be added and taken out.
@@ -161,7 +166,6 @@ class Confrontation:
         self._nominal = predict_tests(self._case, nominal)
         self._kept: dict[tuple[str, ...], _CachedFit] = {}
         self._screened: dict[tuple[tuple[str, ...], str], tuple[float, list[Entry]]] = {}
-        self._values: dict[tuple[str, ...], tuple[Value, ...]] = {}
         self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
     @cached_property
@@ -316,11 +320,7 @@ class Confrontation:
         """Return the numbers of a model that was fitted, its own first, with their 95 % intervals."""
         with self._turn, self._libraries.limit(limits=1):
             self.with_effects(names)  # the intervals are those of a fit to its end
-            chosen = tuple(names)
-            if chosen not in self._values:
-                found = verdict.values_of(self._kept[chosen].fit, is_fitted=False)  # at the values that are shown
-                self._values[chosen] = tuple(found.values())
-            return self._values[chosen]
+            return self._kept[tuple(names)].values
 
     def _confronted(
         self,

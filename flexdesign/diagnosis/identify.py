@@ -227,10 +227,8 @@ class _Search:
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
             found = self._fit(others) if others else None
-            rms = (
-                [m.rms for m in found.matches] if found else [compare_run(self.dynamics, r, 1.0).rms for r in self.runs]
-            )
-            if not any(is_worse(now, m.rms) for now, m in zip(rms, best.matches, strict=True)):
+            rms = found.rms if found else [compare_run(self.dynamics, run, 1.0).rms for run in self.runs]
+            if not any(map(is_worse, rms, best.rms)):
                 break
         return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class ModelResiduals:
     model: StageModel
     runs: tuple[Run, ...]
     noise: NoiseFloor
-    residuals_by_run: Mapping[str, Mapping[str, object]] = field(repr=False)
+    residuals_by_run: Mapping[str, Mapping[str, Array]] = field(repr=False)
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
     error_ladder: tuple[ErrorStep, ...] = ()
@@ -68,9 +68,8 @@ class ModelResiduals:
 
 def compare_model(found: ModelResiduals, which: Which) -> Comparison:
     """Compare the runs with one of the two models, as `diagnosis.comparison` does with a given model."""
-    residuals_by_name = cast("Mapping[str, Array]", found.residuals_by_run[which])
     model = found.before if which == "calibrated" else found.model
-    responses = join_halves(found.responses, residuals_by_name, found.lines) if found.responses else ()
+    responses = join_halves(found.responses, found.residuals_by_run[which], found.lines) if found.responses else ()
     if not found.runs:
         return Comparison(model, found.axis, (), found.noise, (), (), responses)
     runs = compared_runs(found, which)
@@ -90,8 +89,7 @@ def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, .
     """Return measurement and prediction of each run by one model, see `compare_model`."""
     if not found.runs:
         return ()
-    residuals = cast("Mapping[str, Array]", found.residuals_by_run[which])
-    stroke = measured_stroke(found.runs, found.axis)
+    residuals, stroke = found.residuals_by_run[which], measured_stroke(found.runs, found.axis)
     return tuple(
         RunComparison(
             name=run.name,

@@ -23,22 +23,6 @@ from flexdesign.estimation.uncertainty.intervals import Uncertainty, uncertainty
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
-    """How well the fitted model matches one observation.
-
-    Parameters
-    ----------
-    rms
-        Root mean square of measured less predicted less offset, SI.
-    inflation
-        Number of correlated samples that count as one; 1 if the residual is white.
-    """
-
-    rms: float
-    inflation: float
-
-
-@dataclass(frozen=True, eq=False)
 class Fit:
     """A fitted model, with the estimates of its parameters.
 
@@ -50,8 +34,9 @@ class Fit:
         The estimate of each free parameter, in the order of `free`.
     correlation
         Correlation matrix of their coordinates, in that order. Parameters in the null space have no correlation.
-    matches
-        The match of each observation.
+    rms, inflation
+        Of each observation: the root mean square of measured less predicted less offset, SI; and the number of
+        correlated samples that count as one, which is 1 if the residual is white.
     starts
         The results of the starts.
     evaluations
@@ -61,7 +46,8 @@ class Fit:
     model: Model
     estimates: tuple[Estimate, ...]
     correlation: Array
-    matches: tuple[Match, ...]
+    rms: tuple[float, ...]
+    inflation: tuple[float, ...]
     starts: Starts
     evaluations: int
 
@@ -133,7 +119,8 @@ def fit(
             model=problem.at(best.x),
             estimates=tuple(_with_advice(e, reveal or {}) for e in estimates(best, found, intervals, minima)),
             correlation=found.correlation,
-            matches=_matches(best, found),
+            rms=_rms(best),
+            inflation=found.inflation,
             starts=replace(summary, converged=0) if is_better else summary,
             evaluations=problem.evaluations,
         )
@@ -165,12 +152,11 @@ def _with_advice(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
     return replace(estimate, reason=f"{estimate.reason}; would show it: {reveal[estimate.name]}")
 
 
-def _matches(solution: Solution, found: Uncertainty) -> tuple[Match, ...]:
-    dataset, model, made = solution.problem.dataset, solution.problem.at(solution.x), []
-    for record, inflation in zip(dataset.records, found.inflation, strict=True):
-        residual = dataset.remainder(record, np.asarray(model.predict(record.observation)))
-        made.append(Match(math.sqrt(float(np.nanmean(residual**2))), inflation))
-    return tuple(made)
+def _rms(solution: Solution) -> tuple[float, ...]:
+    """Return the root mean square of the residual of each observation, SI."""
+    dataset, model = solution.problem.dataset, solution.problem.at(solution.x)
+    rests = [dataset.remainder(record, np.asarray(model.predict(record.observation))) for record in dataset.records]
+    return tuple(math.sqrt(float(np.nanmean(rest**2))) for rest in rests)
 
 
 def _check(observations: Sequence[Observation]) -> None:

@@ -54,7 +54,7 @@ def test_parameters_are_recovered_without_noise() -> None:
     """Differences move the response by 1e-3, so that the minimum is exact to rounding over that."""
     found = fit(OSCILLATION, [run(OSCILLATION, TRUTH, T, 0.7)], list(TRUTH))
     assert found.values == pytest.approx(TRUTH, rel=1e-9)
-    assert found.matches[0].rms < 1e-6 * np.std(oscillation(TRUTH, T))
+    assert found.rms[0] < 1e-6 * np.std(oscillation(TRUTH, T))
     assert found.model.predict(Run("again", T, None)) == pytest.approx(oscillation(TRUTH, T), abs=1e-8)
 
 
@@ -82,7 +82,7 @@ def test_several_runs_have_offsets_of_their_own() -> None:
     runs = [run(OSCILLATION, TRUTH, T, offset, f"run {offset}") for offset in (-3.0, 0.0, 5.0)]
     found = fit(OSCILLATION, runs, list(TRUTH))
     assert found.values == pytest.approx(TRUTH, rel=1e-9)
-    assert all(match.rms < 1e-6 for match in found.matches)
+    assert max(found.rms) < 1e-6
 
 
 def test_gaps_are_left_out() -> None:
@@ -104,7 +104,7 @@ def test_a_single_start_gets_stuck_where_several_do_not() -> None:
     assert stuck.starts.is_unconfirmed and "nothing confirms" in str(stuck.starts)
     found = fit(tone, [observed], ["a", "f"])
     assert found["f"].value == pytest.approx(5.3, abs=4 * sigma(found, "f"))
-    assert found.matches[0].rms ** 2 < 0.1 * stuck.matches[0].rms ** 2
+    assert found.rms[0] ** 2 < 0.1 * stuck.rms[0] ** 2
     assert found.starts.converged >= 2 and not found.starts.is_unconfirmed
     assert f"{found.starts.converged} of {found.starts.refined} starts" in str(found.starts)
 
@@ -158,11 +158,11 @@ def test_classical_intervals_would_not_hold_it_under_coloured_noise() -> None:
     ramp = Toy(lambda v, t: v["slope"] * t, (parameter("slope", 1.0, -10.0, 10.0),))
     t = np.linspace(0, 3, 4000)
     found = fit(ramp, [run(ramp, {"slope": 2.0}, t, ar1(np.random.default_rng(3), len(t), 0.1, 0.9))], ["slope"])
-    classical = found.matches[0].rms / math.sqrt(np.sum((t - t.mean()) ** 2))
+    classical = found.rms[0] / math.sqrt(np.sum((t - t.mean()) ** 2))
     assert sigma(found, "slope") / classical == pytest.approx(math.sqrt(19), rel=0.15)
-    assert found.matches[0].inflation == pytest.approx(9.5, rel=0.25)
+    assert found.inflation[0] == pytest.approx(9.5, rel=0.25)
     low, high = found["slope"].interval or (0, 0)
-    quantile = student.ppf(0.975, len(t) / found.matches[0].inflation - 2)
+    quantile = student.ppf(0.975, len(t) / found.inflation[0] - 2)
     assert high - low == pytest.approx(2 * quantile * sigma(found, "slope"), rel=1e-6)
 
 
@@ -171,7 +171,7 @@ def test_white_noise_gives_the_classical_covariance() -> None:
     observed = noisy(OSCILLATION, TRUTH, 0.1, seed=2)  # 3 of 100 white residuals look coloured by chance; not this
     names = list(TRUTH)
     found = fit(OSCILLATION, [observed], names, starts=1)
-    assert found.matches[0].inflation == 1.0
+    assert found.inflation[0] == 1.0
 
     def formula(t: Array, *p: float) -> Array:
         return oscillation(dict(zip(names, p[:-1], strict=True)), t) + p[-1]
@@ -269,7 +269,7 @@ def test_similar_exponentials_get_no_numbers(seed: int) -> None:
     for estimate in found.estimates:  # what is stated nevertheless is true
         if estimate.interval:
             assert estimate.interval[0] <= truth[estimate.name] <= estimate.interval[1], estimate
-    assert found.matches[0].rms == pytest.approx(0.02, rel=4 / math.sqrt(2 * len(T)))  # yet the curve is matched
+    assert found.rms[0] == pytest.approx(0.02, rel=4 / math.sqrt(2 * len(T)))  # yet the curve is matched
 
 
 def test_values_that_may_be_exchanged_are_refused() -> None:

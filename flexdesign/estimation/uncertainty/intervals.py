@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -251,22 +251,20 @@ class _Path:
             return x + side * min(self.half, room), self.half >= room, False
         # By distance from the minimum: the derivatives of all coordinates. By the logarithm of distance: half the
         # logarithm of the relative rise, which is a straight line if the cost is a power of the distance.
-        derivatives, computed = {0.0: side * self.tangent}, dict[float, float]()
-        columns = {0.0: self.columns}
+        derivatives, columns = {0.0: side * self.tangent}, {0.0: self.columns}
 
+        @cache
         def excess(at: float) -> float:
             distance = math.exp(at)
             if x + side * distance == x:  # without displacement no rise
                 return math.log(SIMULATION_ROUNDING) / 2
-            if at not in computed:
-                nearest = max(d for d in derivatives if d < distance)
-                guess = derivatives[nearest] * distance
-                increase, displacement, columns[distance] = self.cost_increase(side * distance, guess, columns[nearest])
-                rise = math.log(min(max(increase / self.expected, SIMULATION_ROUNDING), 1 / SIMULATION_ROUNDING)) / 2
-                # From a better point the fit is repeated, so that the search may end there.
-                is_end = abs(rise) <= ACCURACY or self.better is not None
-                computed[at], derivatives[distance] = (0.0 if is_end else rise), displacement / distance
-            return computed[at]
+            nearest = max(d for d in derivatives if d < distance)
+            guess = derivatives[nearest] * distance
+            increase, displacement, columns[distance] = self.cost_increase(side * distance, guess, columns[nearest])
+            derivatives[distance] = displacement / distance
+            rise = math.log(np.clip(increase / self.expected, SIMULATION_ROUNDING, 1 / SIMULATION_ROUNDING)) / 2
+            # From a better point the fit is repeated, so that the search may end there.
+            return 0.0 if abs(rise) <= ACCURACY or self.better is not None else rise
 
         first = min(self.half, where.span[self.j] / 8, room)
         if first == self.half and abs(excess(math.log(first))) <= ACCURACY:

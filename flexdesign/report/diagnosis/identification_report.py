@@ -179,7 +179,7 @@ def _estimates_text(identification: Identification) -> list[str]:
 def _rests_on(identification: Identification) -> list[str]:
     sentences = [f"{identification.starts}; {identification.evaluations} simulations."]
     if identification.fit:
-        factor = max(match.inflation for match in identification.fit.matches)
+        factor = max(identification.fit.inflation)
         if factor > 1.5:
             sentences.append(
                 f"Neighbouring samples of the residual are alike: up to {factor:.0f} count as one in the intervals. A "
