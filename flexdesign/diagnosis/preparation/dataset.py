@@ -373,5 +373,5 @@ def rounding_noise(motion: Array, noise: float, step: float) -> Process:
     disturbed = motion + rng.uniform(0, step)  # where the grid lies beneath an unknown offset is drawn, too
     error = step * np.round((disturbed + beneath * rng.standard_normal(len(motion))) / step) - disturbed
     error = error[np.isfinite(error)] - np.nanmean(error)
-    process = Process(burg([error], int(10 * np.log10(len(motion)))), 1.0)
+    process = Process(burg([error]), 1.0)
     return replace(process, sigma=float(np.sqrt(np.mean(process.whiten(error[:, None]) ** 2))))

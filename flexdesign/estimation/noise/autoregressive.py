@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,8 +18,6 @@ from flexdesign.core.model import Observation
 
 #: Fewest samples from which a correlation is estimated: with fewer, Schwarz's criterion finds none below 0.33.
 FEWEST_SAMPLES = 30
-#: Fewest samples in each record for a coefficient: Schwarz's criterion holds for many more samples than coefficients.
-SAMPLES_PER_COEFFICIENT = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,25 +173,26 @@ class Autocorrelation:
 
 
 def estimate_autocorrelation(residual: Array) -> Autocorrelation:
-    """Return the correlation of a residual (n) by Burg's recursion, of order 10 log10(n) at most, as in R."""
-    n = len(residual)
-    reflections = burg([residual], int(10 * np.log10(n))) if n >= FEWEST_SAMPLES else np.zeros(0)
-    return Autocorrelation(Process(reflections, 1.0).coefficients, n)
+    """Return the correlation of a residual (n) by Burg's recursion."""
+    reflections = burg([residual]) if len(residual) >= FEWEST_SAMPLES else np.zeros(0)
+    return Autocorrelation(Process(reflections, 1.0).coefficients, len(residual))
 
 
-def burg(records: Sequence[Array], highest_order: int) -> Array:
+def burg(records: Sequence[Array], highest_order: float = math.inf) -> Array:
     """Return the reflection coefficients of the process behind some records, by Burg's recursion pooled over them.
 
     The order is that of the smallest n log(variance) + k log(n) (Schwarz 1978), so that white noise is found white: an
-    empty array. See Percival and Walden (1993), Spectral Analysis for Physical Applications, section 9.5.
+    empty array. It is 10 log10 of the length of the shortest record at most, as in R. See Percival and Walden (1993),
+    Spectral Analysis for Physical Applications, section 9.5.
     """
-    n = sum(map(len, records))
+    n, shortest = sum(map(len, records)), min(map(len, records))
     power = sum(float(r @ r) for r in records) / n
     if power == 0:
         return np.zeros(0)
+    orders = range(1, int(min(highest_order, 10 * math.log10(max(shortest, 1)), shortest - 1)) + 1)
     reflections, scores = list[float](), [n * np.log(power)]
     forward, backward = [r[1:] for r in records], [r[:-1] for r in records]
-    for order in range(1, min(highest_order, min(map(len, records)) // SAMPLES_PER_COEFFICIENT) + 1):
+    for order in orders:
         pairs = list(zip(forward, backward, strict=True))
         energy = sum(float(f @ f + b @ b) for f, b in pairs)
         reflection = -2 * sum(float(f @ b) for f, b in pairs) / energy if energy > 0 else 1.0

@@ -18,14 +18,11 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import chdtrc, gammainccinv, gammaincinv
 
 from flexdesign.core.arrays import Array
-from flexdesign.estimation.criterion import LEVEL
+from flexdesign.estimation.criterion import LEVEL, SHARE
 from flexdesign.estimation.noise.autoregressive import Process, burg
 
 #: Highest order of a noise process: sensors filter with a few poles, and each coefficient more slows every whitening.
 HIGHEST_ORDER = 16
-#: Least share of the squares of a sinusoid that its fading must explain: with noise that is not quite autoregressive, a
-#: strong sinusoid may seem to fade. A hundredth corresponds to an amplitude that changes by a sixth either way.
-LEAST_FADING = 0.01
 #: Fewest periods of a sinusoid in the longest stretch: slower ones are drift, which the trends remove in part.
 FEWEST_PERIODS = 6
 
@@ -239,7 +236,8 @@ def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit
     frequencies = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)
     is_noise = chdtrc(dof, max(fit.explained, 0.0)) * frequencies > LEVEL
     fades = _fit(fit.without, frequency, period, process, fading=True).explained
-    dies_away = fades > LEAST_FADING * fit.explained and chdtrc(dof, max(fades, 0.0)) < LEVEL
+    # With noise that is not quite autoregressive, a strong sinusoid may seem to fade by a small share of its squares.
+    dies_away = fades > SHARE * fit.explained and chdtrc(dof, max(fades, 0.0)) < LEVEL
     return None if is_noise or dies_away else fit
 
 
