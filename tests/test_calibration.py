@@ -14,7 +14,7 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import evaluate_desi
 from flexdesign.diagnosis.procedure import calibrate
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset
 from tests.estimation.toys import Array, Run, parameter
 
@@ -32,7 +32,7 @@ def tone(start: float) -> tuple[Sum, EstimationTask]:
     def dataset(names: Sequence[str]) -> Dataset:
         blank = [Run(name, np.arange(N) / N, None) for name in names]
         made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
-        return Dataset(made, White(SIGMA), offset)
+        return Dataset(made, ColouredNoise(Process.white(SIGMA)), offset)
 
     return model, EstimationTask(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
 

@@ -28,7 +28,7 @@ from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import NAMES, N, Shape, Sum, base, column, offset
 from tests.estimation.toys import Array, Run, parameter
 
@@ -71,7 +71,7 @@ def case_of(
             dataclasses.replace(run, data=true.predict(run) + rest * unknown(run) + e)
             for run, e in zip(blank, noise, strict=True)
         ]
-        return Dataset(made, White(SIGMA), offset)
+        return Dataset(made, ColouredNoise(Process.white(SIGMA)), offset)
 
     return EstimationTask(dataset(NAMES), dataset(HELD), ("p", "q"), lambda _: known, lambda _: model, 1e-3)
 

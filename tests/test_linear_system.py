@@ -21,7 +21,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, StageModel
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.forward_selection import fit_candidate
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -78,7 +78,9 @@ def test_the_linear_system_leaves_the_noise() -> None:
     """Started a fifth off; chi^2 of 2,000 values with noise, less eight numbers, to four standard errors."""
     model = AxisDynamics("x", AxisModel(FREQUENCY, DAMPING_RATIO, GAIN), max_command=1.0)
     runs = [run("one", "identify", 1), run("two", "identify", 2)]
-    dataset = Dataset(runs, White(NOISE), lambda observation: (np.ones((SAMPLES, 1)), np.array([math.inf])))
+    dataset = Dataset(
+        runs, ColouredNoise(Process.white(NOISE)), lambda observation: (np.ones((SAMPLES, 1)), np.array([math.inf]))
+    )
     chi2 = models_without_physics._chi2(dataset, model, 1.2 * FREQUENCY, 0.1)
     assert chi2 == pytest.approx(2 * SAMPLES, abs=4 * math.sqrt(4 * SAMPLES))
 

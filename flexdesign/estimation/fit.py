@@ -17,7 +17,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Effort, Solution, solve
 from flexdesign.estimation.least_squares.multistart import Starts, multistart
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.estimation.uncertainty.identifiability import Estimate, check_intervals, estimates
 from flexdesign.estimation.uncertainty.intervals import Uncertainty, uncertainty
 
@@ -106,7 +106,7 @@ def fit(
         raise InputError("fit", "starts", starts, "a fit needs at least one start")
     where = coordinates(model, free, known or {})
     _check(observations)
-    dataset = Dataset(observations, White(1.0), _offset)
+    dataset = Dataset(observations, ColouredNoise(Process.white(1.0)), _offset)
     if dataset.samples <= len(free) + len(observations):
         asked = f"{len(free)} parameters and {len(observations)} offsets need more samples than that"
         raise InputError("fit", "observations", f"{dataset.samples} samples", asked)
@@ -134,7 +134,9 @@ def _converge(solution: Solution) -> tuple[Solution, Uncertainty]:
     """
     scale = 1.0
     for _ in range(6):
-        problem = solution.problem.fresh(solution.problem.dataset.with_shapes(_offset, White(scale)), central=True)
+        problem = solution.problem.fresh(
+            solution.problem.dataset.with_shapes(_offset, ColouredNoise(Process.white(scale))), central=True
+        )
         # To a thousandth of a standard deviation for 10 000 samples; without noise to where values are rounded.
         solution = solve(problem, solution.x, Effort(30, 1e-10), small=1e-6 * problem.dataset.floor) or solution
         found = uncertainty(solution, None)

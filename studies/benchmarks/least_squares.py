@@ -56,7 +56,7 @@ from flexdesign.estimation.least_squares.residual_function import Problem, coord
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.measurements import recordings
 from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
@@ -266,7 +266,9 @@ def loops() -> Iterator[Task]:
 
 def _formula(model: Toy, seen: Any, sigma: float, known: dict[str, tuple[float, float]]) -> Callable[[], Problem]:
     where = coordinates(model, [p.name for p in model.every], known)
-    dataset = Dataset([seen], White(sigma), lambda each: (np.zeros((len(each.measured()), 0)), np.zeros(0)))
+    dataset = Dataset(
+        [seen], ColouredNoise(Process.white(sigma)), lambda each: (np.zeros((len(each.measured()), 0)), np.zeros(0))
+    )
     return lambda: Problem(dataset, model, where)
 
 

@@ -15,7 +15,7 @@ from scipy.optimize import differential_evolution
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import NAMES, Sum, as_sum, offset, strength
 from tests.estimation.toys import Array, Run, parameter
 
@@ -105,7 +105,7 @@ def problem(seed: int, sigma: float) -> Problem:
         blank = [Run(name, np.arange(VALUES) / VALUES, None) for name in names]
         noise = [rng.normal() + sigma * rng.standard_normal(VALUES) for _ in names]
         made = [dataclasses.replace(r, data=truth.predict(r) + e) for r, e in zip(blank, noise, strict=True)]
-        return Dataset(made, White(sigma), offset)
+        return Dataset(made, ColouredNoise(Process.white(sigma)), offset)
 
     task = EstimationTask(dataset(*NAMES), dataset(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
     # Up to a factor of two off, as a screening with thresholds at every factor of four would leave it.

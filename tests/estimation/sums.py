@@ -16,7 +16,7 @@ from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.autoregressive import White, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, Whitening
 from tests.estimation.toys import Array, Run, parameter
 
 Shape = Callable[[Mapping[str, float], Any], Array]
@@ -133,7 +133,7 @@ def task(
     truth: Mapping[str, float], seed: int = 0, tolerance: float = 1e-3, held: Any = None, **known: Any
 ) -> EstimationTask:
     """Three runs for the fit and two kept apart, in which the truth may be another."""
-    noise = White(SIGMA)
+    noise = ColouredNoise(Process.white(SIGMA))
     kept = recorded(truth if held is None else held, seed, HELD)
     identify, validate = Dataset(recorded(truth, seed), noise, offset), Dataset(kept, noise, offset)
     return EstimationTask(identify, validate, ("p", "q"), lambda _: known, lambda _: stage(), tolerance)

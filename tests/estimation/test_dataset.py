@@ -14,7 +14,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
-from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 #: Poles at 0.9 exp(+-0.4 i).
@@ -82,7 +82,7 @@ def test_taking_columns_out_is_generalised_least_squares() -> None:
 
 def test_a_move_that_columns_make_up_costs_what_is_known_of_their_amounts() -> None:
     """An offset is free. As an amount grows, (a / size)^2 takes over only as far as the record lets it."""
-    dataset = Dataset([gapped(np.zeros(len(T)))], White(0.1), nuisance)
+    dataset = Dataset([gapped(np.zeros(len(T)))], ColouredNoise(Process.white(0.1)), nuisance)
     record = dataset.records[0]
     assert dataset.whitened(record, np.full(len(T), 7.0)) == pytest.approx(np.zeros(record.rows), abs=1e-10)
     kept = [
@@ -112,7 +112,7 @@ def test_a_column_that_a_gap_hides_changes_nothing() -> None:
 @pytest.mark.parametrize("shapes", [nothing, offset, nuisance])
 def test_gaps_stay_empty(shapes: Shapes) -> None:
     """A prediction that is wild, or even not finite, where nothing was measured is as good as any other."""
-    dataset = Dataset([gapped(np.sin(T))], White(0.1), shapes)
+    dataset = Dataset([gapped(np.sin(T))], ColouredNoise(Process.white(0.1)), shapes)
     wild = np.sin(2 * T)
     wild[GAPS] = [1e9, np.nan, np.inf, -np.inf]
     parts = [dataset.residual(dataset.records[0], values) for values in (np.sin(2 * T), wild)]
@@ -130,7 +130,9 @@ def test_an_unbounded_column_that_a_gap_hides_takes_nothing_out() -> None:
     def early(observation: Observation) -> tuple[Array, Array]:
         return np.where(np.arange(len(T)) < 40, 1.0, 0.0)[:, None], np.array([np.inf])
 
-    with_it, without = (Dataset([Run("run", T, data)], White(0.5), shapes) for shapes in (early, nothing))
+    with_it, without = (
+        Dataset([Run("run", T, data)], ColouredNoise(Process.white(0.5)), shapes) for shapes in (early, nothing)
+    )
     residuals = [dataset.residual(dataset.records[0], np.zeros(len(T))) for dataset in (with_it, without)]
     assert residuals[0] is not None and residuals[1] is not None
     assert residuals[0][: len(T)] == pytest.approx(residuals[1])
@@ -139,7 +141,7 @@ def test_an_unbounded_column_that_a_gap_hides_takes_nothing_out() -> None:
 
 def test_a_record_without_values_is_refused() -> None:
     with pytest.raises(InputError, match="no finite value"):
-        Dataset([Run("empty", T, np.full(len(T), np.nan))], White(1.0), offset)
+        Dataset([Run("empty", T, np.full(len(T), np.nan))], ColouredNoise(Process.white(1.0)), offset)
 
 
 # --- slopes ---------------------------------------------------------------------------------------------------------
@@ -247,7 +249,9 @@ def test_at_a_bound_differences_look_inwards() -> None:
 
     model = Toy(line, (parameter("k", 2.0, 0.0, 2.0),))
     found = Problem(
-        Dataset([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {})
+        Dataset([Run("run", T, np.zeros(len(T)))], ColouredNoise(Process.white(0.5)), nothing),
+        model,
+        coordinates(model, ["k"], {}),
     )
     residuals = found.residuals(found.where.start)
     assert residuals is not None
@@ -260,7 +264,9 @@ def test_where_a_model_fails_on_one_side_the_slope_is_looked_for_on_the_other() 
 
     model = Toy(line, (parameter("k", 2.0, 0.0, 10.0),))
     found = Problem(
-        Dataset([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {})
+        Dataset([Run("run", T, np.zeros(len(T)))], ColouredNoise(Process.white(0.5)), nothing),
+        model,
+        coordinates(model, ["k"], {}),
     )
     residuals = found.residuals(found.where.start)
     assert residuals is not None
@@ -289,7 +295,9 @@ def test_a_model_that_fails_has_no_residual(failure: Any) -> None:
 
     model = Toy(formula, (parameter("k", 1.0, 0.0, 2.0),))
     found = Problem(
-        Dataset([Run("run", T, np.zeros(len(T)))], White(1.0), offset), model, coordinates(model, ["k"], {})
+        Dataset([Run("run", T, np.zeros(len(T)))], ColouredNoise(Process.white(1.0)), offset),
+        model,
+        coordinates(model, ["k"], {}),
     )
     assert found.residuals(found.where.start) is None
     assert found.cost(found.where.start, None) == np.inf

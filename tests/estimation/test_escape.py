@@ -18,7 +18,7 @@ from flexdesign.estimation.model_selection.fitted_model import escape, fit_model
 from flexdesign.estimation.model_selection.model_comparison import compare
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import restart_without
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.play_problems import SEEDS, problem
 from tests.estimation.sums import Sum, as_sum, offset, strength
 from tests.estimation.toys import Array, Run, parameter
@@ -97,7 +97,9 @@ def test_a_refused_effect_may_show_a_better_minimum_of_the_other_parameters() ->
 
     def dataset(name: str) -> Dataset:
         return Dataset(
-            [Run(name, t, 2 * np.sin(2 * np.pi * 3.1 * t) + sigma * rng.standard_normal(len(t)))], White(sigma), offset
+            [Run(name, t, 2 * np.sin(2 * np.pi * 3.1 * t) + sigma * rng.standard_normal(len(t)))],
+            ColouredNoise(Process.white(sigma)),
+            offset,
         )
 
     model = Sum().plus(sine, strength("p"), parameter("f", 5.3, 1.0, 10.0, scale="log"))

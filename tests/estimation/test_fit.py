@@ -20,7 +20,7 @@ from flexdesign.estimation import Fit, fit
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.multistart import multistart
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 T = np.linspace(0, 3, 400)
@@ -123,7 +123,9 @@ def test_a_better_point_met_while_checking_intervals_is_taken() -> None:
         lambda v, t: math.sqrt(3.8) * (v["x"] ** 2 - 1) * one + v["x"] / 2 * other, (parameter("x", -1.2, -5.0, 5.0),)
     )
     observed = [Run("two wells", T[:40], 0.5 * other + noise)]
-    problem = Problem(Dataset(observed, White(1.0), offset), wells, coordinates(wells, ["x"], {}))
+    problem = Problem(
+        Dataset(observed, ColouredNoise(Process.white(1.0)), offset), wells, coordinates(wells, ["x"], {})
+    )
     (stuck,) = multistart(problem, 1, lambda _: None)[2]
     found = fit(wells, observed, ["x"], starts=1)
     assert stuck == pytest.approx([-1.0], abs=0.1)

@@ -12,7 +12,7 @@ from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, linearise
 from flexdesign.estimation.model_selection import fitted_model, model_comparison
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import (
     HELD,
     NAMES,
@@ -68,7 +68,7 @@ def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
         lambda v, run: v["later:own"] * column(run, "own") * (run.name == "later"),
         parameter("later:own", 0.0, -10.0, 10.0, run="later"),
     )
-    with_test = dataclasses.replace(about, test=Dataset(unseen, White(SIGMA), offset))
+    with_test = dataclasses.replace(about, test=Dataset(unseen, ColouredNoise(Process.white(SIGMA)), offset))
     plain, fit = (fitted_model.fit_model(each, model) for each in (about, with_test))
     assert plain is not None and fit is not None and "later" not in fit.residuals_by_run
     assert (fit.cost, fit.validation_chi2) == (plain.cost, plain.validation_chi2)

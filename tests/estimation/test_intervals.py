@@ -14,7 +14,7 @@ from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset, Shapes
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
-from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, Whitening
 from flexdesign.estimation.uncertainty.identifiability import intervals
 from flexdesign.estimation.uncertainty.intervals import _Path, uncertainty
 from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
@@ -40,7 +40,9 @@ def solved(
     **known: Any,
 ) -> Solution:
     where = coordinates(model, [p.name for p in model.every], known)
-    problem = Problem(Dataset(runs, White(noise) if isinstance(noise, float) else noise, shapes), model, where)
+    problem = Problem(
+        Dataset(runs, ColouredNoise(Process.white(noise)) if isinstance(noise, float) else noise, shapes), model, where
+    )
     found = solve(problem, where.start, small=small)
     assert found is not None
     return found

@@ -27,7 +27,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     solve,
 )
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates, value
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.toys import Array, Run, Toy, parameter
 
 T = np.linspace(0, 2, 150)
@@ -43,7 +43,7 @@ def nothing(observation: Observation) -> tuple[Array, Array]:
 
 def problem(model: Toy, data: Array, sigma: float, t: Array = T, **known: tuple[float, float]) -> Problem:
     where = coordinates(model, [p.name for p in model.every], known)
-    return Problem(Dataset([Run("run", t, data)], White(sigma), nothing), model, where)
+    return Problem(Dataset([Run("run", t, data)], ColouredNoise(Process.white(sigma)), nothing), model, where)
 
 
 def solved(task: Problem, **settings: Any) -> Solution:

@@ -26,7 +26,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
     fit_model,
     solve_case,
 )
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
 from tests.estimation.toys import Array, Run, parameter
 
@@ -60,7 +60,9 @@ def dataset(names: Sequence[str], more: Mapping[str, float] | None = None) -> Da
         return np.asarray(truth.predict(run) + added + SIGMA * rng.standard_normal(N))
 
     blank = [Run(name, np.arange(N) / N, None) for name in names]
-    return Dataset([dataclasses.replace(run, data=data(run)) for run in blank], White(SIGMA), offset)
+    return Dataset(
+        [dataclasses.replace(run, data=data(run)) for run in blank], ColouredNoise(Process.white(SIGMA)), offset
+    )
 
 
 def about(more: Mapping[str, float] | None = None) -> EstimationTask:
@@ -81,7 +83,9 @@ def test_a_stage_that_was_never_driven_is_among_the_states() -> None:
     present = base("p", "q").plus(from_turn, own)
     blank = Run("one", np.arange(N) / N, None)
     truth = present.replace({"one:turn": 0.0})
-    measured = Dataset([dataclasses.replace(blank, data=truth.predict(blank))], White(SIGMA), offset)
+    measured = Dataset(
+        [dataclasses.replace(blank, data=truth.predict(blank))], ColouredNoise(Process.white(SIGMA)), offset
+    )
     assert turns_of(grid_initial_states(measured, present)) == {"one": 0.0}
 
 
@@ -131,7 +135,7 @@ def test_a_run_moves_only_where_that_is_much_better(share: float, moves: bool) -
     length = float(basis[:, 0] @ column(run, "start"))
     part = 1 - share / 2
     data = length * basis @ [part, math.sqrt(1 - part**2)]
-    whole = Dataset([dataclasses.replace(run, data=data)], White(SIGMA), offset)
+    whole = Dataset([dataclasses.replace(run, data=data)], ColouredNoise(Process.white(SIGMA)), offset)
     assert (grid_initial_states(whole, toy) is not toy) is moves
 
 
@@ -147,7 +151,9 @@ def test_numbers_without_a_grid_are_tried_as_they_are_in_the_median_run() -> Non
     toy = Sum().plus(late, *own)
     truth = toy.replace({"two:turn": -1.0})
     observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
-    whole = Dataset([dataclasses.replace(r, data=truth.predict(r)) for r in observed], White(SIGMA), offset)
+    whole = Dataset(
+        [dataclasses.replace(r, data=truth.predict(r)) for r in observed], ColouredNoise(Process.white(SIGMA)), offset
+    )
     # Its delay went astray with its turn.
     found = grid_initial_states(whole, toy.replace({"two:late": 0.1}))
     assert {p.name: p.start for p in found.parameters()} == {p.name: p.start for p in truth.parameters()}
@@ -160,7 +166,12 @@ def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
     rng = np.random.default_rng(0)
     observed = [Run(name, np.arange(N) / N, rng.standard_normal(N)) for name in NAMES]
     task = EstimationTask(
-        Dataset(observed, White(SIGMA), offset), dataset([]), ("p",), lambda _: {}, lambda _: start, 1e-3
+        Dataset(observed, ColouredNoise(Process.white(SIGMA)), offset),
+        dataset([]),
+        ("p",),
+        lambda _: {},
+        lambda _: start,
+        1e-3,
     )
     for run in observed:
         made = fit_initial_states(task, task.identify.part([run.name]), start)
@@ -221,7 +232,7 @@ def test_a_run_begins_where_it_fits_best() -> None:
     truth = model.replace({"one:turn": 0.5, "two:turn": 0.4, "three:turn": 0.9})
     observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
     observed = [dataclasses.replace(run, data=truth.predict(run)) for run in observed]
-    dataset = Dataset(observed, White(SIGMA), offset)
+    dataset = Dataset(observed, ColouredNoise(Process.white(SIGMA)), offset)
     begun = grid_initial_states(dataset, model)
     assert {p.name: p.start for p in begun.parameters()} == {"one:turn": 0.5, "two:turn": 0.45, "three:turn": 0.9}
     assert grid_initial_states(dataset, truth) is truth
@@ -245,7 +256,7 @@ def test_strong_data_do_not_tell_twins_apart() -> None:
     blank = [Run(name, np.arange(N) / N, None) for name in NAMES]
     made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
     known = {f"{name}:late": (0.0, spread) for name in NAMES}
-    identify = Dataset(made, White(SIGMA), offset)
+    identify = Dataset(made, ColouredNoise(Process.white(SIGMA)), offset)
     task = EstimationTask(identify, dataset([]), ("p", "q", "delay"), lambda _: known, lambda _: toy, 1e-3)
     found = fit_model(task, toy)
     assert found is not None

@@ -30,7 +30,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     relevant_ends,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import (
     EFFECTS,
     HELD,
@@ -111,7 +111,9 @@ def test_what_explains_a_small_share_is_refused() -> None:
             others = np.column_stack([np.ones(N), *(column(run, name) for name in ("own", "p", "q", *EFFECTS))])
             more = column(run, "unknown") - others @ np.linalg.lstsq(others, column(run, "unknown"))[0]
             kept.append(dataclasses.replace(run, data=run.data + unknown * more / np.std(more)))
-        about = dataclasses.replace(task({"d": 0.3}), validate=Dataset(kept, White(SIGMA), offset), noise_rms=SIGMA)
+        about = dataclasses.replace(
+            task({"d": 0.3}), validate=Dataset(kept, ColouredNoise(Process.white(SIGMA)), offset), noise_rms=SIGMA
+        )
         step = forward(about, calibrated_stand(about), effects())
         share = 0.3**2 / (0.3**2 + unknown**2)
         assert (share < SHARE) is is_small
@@ -242,7 +244,7 @@ def imperfect(seed: int, rho: float, effect: float = 0.0) -> EstimationTask:
             data = SIZE * wandering(seed, name, rho) + effect * wandering(99, name + "s", RHO)
             noise = SIGMA * np.random.default_rng([seed, 7, crc32(name.encode())]).standard_normal(LONG)
             made.append(dataclasses.replace(run, data=data + noise + 2.0 * column(run, "p")))
-        return Dataset(made, White(SIGMA), offset)
+        return Dataset(made, ColouredNoise(Process.white(SIGMA)), offset)
 
     return EstimationTask(dataset(NAMES), dataset(HELD), ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
 
@@ -367,7 +369,7 @@ def test_a_pair_must_beat_the_best_single_on_both_kinds_of_runs() -> None:
         assert (explained_share(3.0, error, about.noise_rms) >= large_share()) is (error <= 1.91)
         assert best_of(about, [single, pair]) is (pair if wins else single)
     assert best_of(about, [pair]) is pair
-    none = dataclasses.replace(about, validate=Dataset([], White(SIGMA), offset))
+    none = dataclasses.replace(about, validate=Dataset([], ColouredNoise(Process.white(SIGMA)), offset))
     assert best_of(none, [single, trial_of(("a", "b"), 970.0, 3.1)]).names == ("a", "b")  # type: ignore[union-attr]
 
 

@@ -21,7 +21,7 @@ from flexdesign.estimation.model_selection.score_test import (
     Screening,
     score_of_columns,
 )
-from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, White, Whitening
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process, Whitening
 from tests.estimation.sums import (
     NAMES,
     N,
@@ -80,7 +80,7 @@ def test_the_best_point_of_a_grid_in_two_numbers_is_found(hidden: tuple[int, int
     wanted = Candidate("x", lambda model: as_sum(model).plus(bump, *numbers), "x", ("x", "middle", "width"), trials)
     truth = {"x": 1.0, "middle": middles[hidden[0]], "width": widths[hidden[1]]}
     observed = runs(lambda run: bump(truth, run))
-    screening = Screening(solution(base("p"), observed, White(0.1)), [wanted])
+    screening = Screening(solution(base("p"), observed, ColouredNoise(Process.white(0.1))), [wanted])
     assert [d.values for d in screening.directions] == list(trials)
     (best,) = screening.best()
     assert {**best[0].values, "x": 1.0} == truth
@@ -97,7 +97,7 @@ def test_a_large_move_is_made_smaller(power: int) -> None:
 
     wanted = Candidate("x", lambda model: as_sum(model).plus(large, strength("x")), "x", ("x",), ({"x": 1.0},))
     observed = runs(lambda run: column(run, "x"))
-    (found,) = Screening(solution(base("p"), observed, White(1.0)), [wanted]).directions
+    (found,) = Screening(solution(base("p"), observed, ColouredNoise(Process.white(1.0))), [wanted]).directions
     whole = np.concatenate([run - run.mean() for run in (large({"x": 1.0}, run) for run in observed)])
     rows = len(whole) + len(NAMES)  # an offset of each run is a row of its own
     scale = significant_deviation() / math.sqrt(np.sum(whole**2) / rows)
@@ -105,7 +105,7 @@ def test_a_large_move_is_made_smaller(power: int) -> None:
     assert np.sum(found.move**2) == pytest.approx(scale ** (2 * power) * np.sum(whole**2), rel=1e-9)
     if power == 1:  # then the promise does not hang on the trial
         small = dataclasses.replace(wanted, trials=({"x": 1e-3},))
-        (alone,) = Screening(solution(base("p"), observed, White(1.0)), [small]).directions
+        (alone,) = Screening(solution(base("p"), observed, ColouredNoise(Process.white(1.0))), [small]).directions
         assert found.predicted_reduction == pytest.approx(alone.predicted_reduction, rel=1e-9)
         assert found.start["x"] == pytest.approx(alone.start["x"], rel=1e-9)
 
@@ -113,7 +113,7 @@ def test_a_large_move_is_made_smaller(power: int) -> None:
 # --- promises -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("of", [White(0.3), ColouredNoise(SLOW)], ids=["white", "slow"])
+@pytest.mark.parametrize("of", [ColouredNoise(Process.white(0.3)), ColouredNoise(SLOW)], ids=["white", "slow"])
 def test_a_promise_is_the_fall_of_the_cost(of: Whitening) -> None:
     """Where all is linear the score statistic is exact, whatever the trial's strength."""
     rng = np.random.default_rng(0)
@@ -136,7 +136,7 @@ def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
     """An effect that is the gain over again: the harder the gain is held, the more of it is the effect's own."""
     rng = np.random.default_rng(1)
     observed = runs(lambda run: 1.5 * column(run, "p") + 0.1 * rng.standard_normal(N))
-    twin, of = candidate("twin", {"p": 1.0}), White(0.1)
+    twin, of = candidate("twin", {"p": 1.0}), ColouredNoise(Process.white(0.1))
     assert not Screening(solution(base("p"), observed, of), [twin]).directions
     held = solution(base("p"), observed, of, p=(1.0, 0.01))
     (direction,) = Screening(held, [twin]).directions
@@ -147,7 +147,7 @@ def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
 
 def test_a_pair_promises_what_both_together_bring() -> None:
     rng = np.random.default_rng(2)
-    model, of = base("p"), White(0.5)
+    model, of = base("p"), ColouredNoise(Process.white(0.5))
     observed = runs(lambda run: column(run, "x") - 0.5 * column(run, "y") + 0.5 * rng.standard_normal(N))
     pair = [candidate("x", signed=True), candidate("y", {"x": 1.0, "y": 1.0}, signed=True)]
     ((predicted_gain, a, b),) = Screening(solution(model, observed, of), pair).pairs()
@@ -161,7 +161,7 @@ def test_a_pair_promises_what_both_together_bring() -> None:
 
 
 def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
-    observed, of = runs(lambda run: -column(run, "x")), White(0.1)
+    observed, of = runs(lambda run: -column(run, "x")), ColouredNoise(Process.white(0.1))
     one = Screening(solution(base("p"), observed, of), [candidate("x")])
     assert one.directions[0].predicted_reduction == 0
     assert one.best() == []
@@ -188,7 +188,7 @@ def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
     )
     model = Sum().plus(lambda v, run: v["k"] * run.t, strength("k", 3.0))
     observed = runs(lambda run: np.minimum(3 * run.t, 1.6))
-    screening = Screening(solution(model, observed, White(0.01)), [cap, candidate("x")])
+    screening = Screening(solution(model, observed, ColouredNoise(Process.white(0.01))), [cap, candidate("x")])
     best = screening.best()[0]
     assert best[0].candidate is cap
     assert best[0].start == {"cap": 1.5}
@@ -222,7 +222,7 @@ def test_what_base_numbers_imitate_gives_no_direction() -> None:
         of("wild", wild),
         candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(SIMULATION_ROUNDING)}),
     ]
-    screening = Screening(solution(base("p", "q"), observed, White(0.1)), every)
+    screening = Screening(solution(base("p", "q"), observed, ColouredNoise(Process.white(0.1))), every)
     assert [d.candidate.name for d in screening.directions] == ["hardly"]
 
 
@@ -253,7 +253,7 @@ def test_a_sinusoid_has_a_phase_in_each_run() -> None:
     observed = runs(
         lambda run: column(run, "p") + 0.5 * np.sin(10 * math.pi * run.t + phases[run.name]) + rng.normal(0, 0.1, N)
     )
-    of = White(0.1)
+    of = ColouredNoise(Process.white(0.1))
     screening = Screening(solution(base("p"), observed, of), [hum()])
     best = screening.best()[0][0]
     before = columns(base("p"), observed, ["p"], of)
@@ -294,7 +294,7 @@ def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: 
     of the test, is the tolerance. The cosines between effects are 0.96: if they were taken as independent, the level
     would be half as large.
     """
-    of, found = White(1.0), catalogue(0, 12, 5.0, signed)
+    of, found = ColouredNoise(Process.white(1.0)), catalogue(0, 12, 5.0, signed)
     observed = runs(lambda run: np.zeros(N))
     screening = Screening(solution(base("p"), observed, of), found)
     moves = np.array([d.move for d in screening.directions])
@@ -315,7 +315,7 @@ def test_chance_holds_for_whole_screenings() -> None:
     Its ends at 1 in 1000 are none and 13, which rules out a threshold that is too low; one too high is for the test
     before to find. The threshold of a single effect lets more through.
     """
-    rng, of, larger, alone = np.random.default_rng(4), White(1.0), 0, 0
+    rng, of, larger, alone = np.random.default_rng(4), ColouredNoise(Process.white(1.0)), 0, 0
     for seed in range(500):
         observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
         screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6, 2.0))
@@ -327,7 +327,9 @@ def test_chance_holds_for_whole_screenings() -> None:
 
 
 def test_without_effects_chance_is_that_of_one() -> None:
-    screening = Screening(solution(base("p"), runs(lambda run: column(run, "p")), White(1.0)), [])
+    screening = Screening(
+        solution(base("p"), runs(lambda run: column(run, "p")), ColouredNoise(Process.white(1.0))), []
+    )
     assert screening.critical_value(0.01) == pytest.approx(chi2.isf(0.01, 1))
     assert screening.best() == []
     assert screening.pairs() == []

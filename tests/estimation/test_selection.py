@@ -32,7 +32,7 @@ from flexdesign.estimation.model_selection.stepwise_selection import (
     confusable,
     select,
 )
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import (
     EFFECTS,
     HELD,
@@ -80,7 +80,7 @@ def test_gains_are_falls_of_the_cost() -> None:
     before = calibrated_stand(about)
     step = forward(about, before, effects())
     assert step.chosen is not None
-    observed, noise = [record.observation for record in about.identify.records], White(SIGMA)
+    observed, noise = [record.observation for record in about.identify.records], ColouredNoise(Process.white(SIGMA))
     owns = [f"{name}:own" for name in NAMES]
     right = np.concatenate([run.measured() / SIGMA for run in observed])
     model = stage()
@@ -212,7 +212,7 @@ def with_bell(**more: Any) -> EstimationTask:
 
     def dataset(names: Sequence[str]) -> Dataset:
         made = [dataclasses.replace(run, data=run.data + bell(BELL, run)) for run in recorded({}, 0, names)]
-        return Dataset(made, White(SIGMA), offset)
+        return Dataset(made, ColouredNoise(Process.white(SIGMA)), offset)
 
     return dataclasses.replace(about, identify=dataset(NAMES), validate=dataset(HELD), **more)
 
@@ -315,7 +315,7 @@ def led_astray() -> tuple[Sum, Candidate, EstimationTask]:
     def dataset(names: Sequence[str]) -> Dataset:
         blank = [Run(name, np.arange(N) / N, None) for name in names]
         made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
-        return Dataset(made, White(SIGMA), offset)
+        return Dataset(made, ColouredNoise(Process.white(SIGMA)), offset)
 
     return (
         model,
@@ -569,7 +569,7 @@ def test_a_fit_in_a_local_minimum_begins_again_with_the_threshold_on_either_side
     def measured(runs: Sequence[Run]) -> list[Run]:
         return [dataclasses.replace(run, data=run.data + rippled(truth, run)) for run in runs]
 
-    noise = White(SIGMA)
+    noise = ColouredNoise(Process.white(SIGMA))
     identify, kept = (Dataset(measured(recorded({}, 0, names)), noise, offset) for names in (NAMES, HELD))
     about = EstimationTask(identify, kept, ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
     before = calibrated_stand(about)

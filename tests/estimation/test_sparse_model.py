@@ -15,7 +15,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCT
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.sparse_residual_model import MOST_TERMS, cost_of_terms, sparse_model
-from flexdesign.estimation.noise.autoregressive import White
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from tests.estimation.sums import NAMES, Sum, columns, least, offset
 from tests.estimation.toys import Array, Run, parameter
 
@@ -66,7 +66,9 @@ def fit(
     seed: int = 0, *, held: Mapping[str, float] | None = None, **amounts: float
 ) -> tuple[EstimationTask, FittedModel]:
     kept = recorded(HELD, seed, **(amounts if held is None else held))
-    suites = [Dataset(made, White(SIGMA), offset) for made in (recorded(NAMES, seed, **amounts), kept)]
+    suites = [
+        Dataset(made, ColouredNoise(Process.white(SIGMA)), offset) for made in (recorded(NAMES, seed, **amounts), kept)
+    ]
     task = EstimationTask(suites[0], suites[1], ("gain",), lambda _: {}, lambda _: stage(), 1e-3)
     found = fit_model(task, stage())
     assert found is not None
@@ -91,7 +93,7 @@ def test_gains_are_falls_of_the_cost() -> None:
     """
     task, found = fit(x2=0.2, x3=0.15)
     made = sparse_model(task, found, features)
-    names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], White(SIGMA)
+    names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], ColouredNoise(Process.white(SIGMA))
     observed = [record.observation for record in task.identify.records]
     right = np.concatenate([run.measured() / SIGMA for run in observed])
     before = columns(stage(), observed, names, noise)  # type: ignore[arg-type]
@@ -122,7 +124,7 @@ def test_gains_are_falls_of_the_cost() -> None:
 def test_the_cost_of_terms_is_that_of_a_linear_fit_with_them() -> None:
     """Columns as the calibrated model predicts them, beside gain, tilts and offsets; others are not used."""
     task, found = fit(x2=0.2, x3=0.15)
-    names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], White(SIGMA)
+    names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], ColouredNoise(Process.white(SIGMA))
     observed = [record.observation for record in task.identify.records]
     right = np.concatenate([run.measured() / SIGMA for run in observed])
     before = columns(stage(), observed, names, noise)  # type: ignore[arg-type]
@@ -171,7 +173,12 @@ def test_terms_are_few() -> None:
 def test_without_runs_kept_apart_nothing_is_gained_on_them() -> None:
     task, _ = fit(x2=0.1)
     task = EstimationTask(
-        task.identify, Dataset([], White(SIGMA), offset), ("gain",), lambda _: {}, lambda _: stage(), 1e-3
+        task.identify,
+        Dataset([], ColouredNoise(Process.white(SIGMA)), offset),
+        ("gain",),
+        lambda _: {},
+        lambda _: stage(),
+        1e-3,
     )
     found = fit_model(task, stage())
     assert found is not None

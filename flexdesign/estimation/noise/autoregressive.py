@@ -225,19 +225,8 @@ class Whitening(Protocol):
 
 
 @dataclass(frozen=True)
-class White:
-    """White noise alike in all observations, by its standard deviation in SI."""
-
-    sigma: float
-
-    def whiten(self, _: Observation, residual: Array) -> Array:
-        """Return the residual over the standard deviation."""
-        return residual / self.sigma
-
-
-@dataclass(frozen=True)
 class ColouredNoise:
-    """Coloured noise, by the autoregressive process of all observations, or of each by its name."""
+    """White or coloured noise, by the autoregressive process of all observations, or of each by its name."""
 
     processes: Process | Mapping[str, Process]
 
