@@ -271,12 +271,11 @@ class Confrontation:
         candidate = self._candidate(name, others)
         fit = self._kept[tuple(others)].fit
         score, entries = self._screening(tuple(others), name)
-        entry = next((entry for entry in entries if entry.names == (name,)), None)
-        if entry is not None and roughly and (rough := evaluate_fit(self.task, entry.solution, entry.start.effects)):
-            return _CachedFit(predict_tests(self.task, rough), is_rough=True)
-        trial = None if entry is None else finish(self.task, fit, entry, score)
-        if trial is not None:
-            return _CachedFit(predict_tests(self.task, trial.fit), trial.reason)
+        for entry in (entry for entry in entries if entry.names == (name,)):
+            if roughly and (rough := evaluate_fit(self.task, entry.solution, entry.start.effects)):
+                return _CachedFit(predict_tests(self.task, rough), is_rough=True)
+            if trial := finish(self.task, fit, entry, score):
+                return _CachedFit(predict_tests(self.task, trial.fit), trial.reason)
         # It promises nothing; its value then says how large it may be at most.
         made = predict_tests(self.task, fit_candidate(self.task, fit, candidate, roughly=roughly))
         return _CachedFit(made, "" if roughly else "no more than chance gives", roughly)
@@ -330,16 +329,13 @@ class Confrontation:
         by_hand: Mapping[str, float] | None = None,
     ) -> Confronted:
         fit, data = kept.fit, self.data
-        steps = [ErrorStep("as designed", data.test_error(self._nominal))]
-        if not is_designed:
-            steps.append(ErrorStep("recalibrated", data.test_error(self._kept[()].fit)))
-            for count, name in enumerate(chosen, 1):
-                steps.append(ErrorStep(f"+ {name}", data.test_error(self._kept[chosen[:count]].fit)))
+        added = [] if is_designed else [self._kept[chosen[:count]].fit for count in range(len(chosen) + 1)]
+        steps = verdict.error_steps(data, [self._nominal, *added])
         if by_hand is not None:
-            steps.append(ErrorStep("set by hand", data.test_error(fit)))
+            steps = (*steps, ErrorStep("set by hand", data.test_error(fit)))
         return Confronted(
             effects=chosen,
-            error_ladder=tuple(steps),
+            error_ladder=steps,
             noise_floor=data.noise_rms,
             settings=_adjustable(fit, by_hand or {}),
             reason=kept.reason,
