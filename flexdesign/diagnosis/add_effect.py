@@ -154,23 +154,22 @@ def _fit_addition(task: EstimationTask, history: SelectionHistory, candidate: Ca
 
 def _check(data: DiagnosisData, name: str, model: StageModel) -> None:
     """Refuse an effect that the model has already, or that the runs cannot show."""
+    effect, number = effects.find(name), fields.AXIS_FIELDS.get(name)
+    numbers = {**data.axis.numbers, "controller.delay": model.controller.delay}
+    remedy = ""
     if name in candidates.NOISE_EFFECTS:
         remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
-        raise InputError("command line", "EFFECT", name, remedy)
-    number = fields.AXIS_FIELDS.get(name)
-    numbers = {**data.axis.numbers, "controller.delay": model.controller.delay}
-    if name in data.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
+    elif name in data.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
         place = f"{data.name}.{number}" if number else f"{data.name}.effects.{name}"
         remedy = f"acts on axis {data.name} already (axis.{place}); identify --free fits its numbers"
-        raise InputError("command line", "EFFECT", name, remedy)
-    if data.is_at_stack and acts_before_stack(effects.find(name)):
+    elif data.is_at_stack and acts_before_stack(effect):
         remedy = "acts ahead of the stack, and these runs know the voltage at the stack: none of it is left to show"
-        raise InputError("command line", "EFFECT", name, remedy)
-    if not data.runs and not spectrum.shows(effects.find(name)):
+    elif not data.runs and not spectrum.shows(effect):
         remedy = "changes nothing about small sines, which are all that frequency responses show; add runs in time"
+    if remedy:
         raise InputError("command line", "EFFECT", name, remedy)
     for run in data.runs:
-        if lacking := missing(data.name, effects.find(name), run.columns):
+        if lacking := missing(data.name, effect, run.columns):
             needs = " and ".join("the response of another axis" if c == OTHER else f"a column {c}" for c in lacking)
             raise InputError(run.name, name, None, f"the effect needs {needs}, which the run lacks; leave the run out")
 
@@ -266,20 +265,21 @@ def in_the_loop(
 
     The controllers are tuned on the stage without them, as its owner would have tuned them.
     """
-    for effect in map(effects.find, names):
+    added = [effects.find(name) for name in names]
+    for effect in added:
         lacking = missing(axis, effect, {axis: np.zeros(0)})
         if lacking and all(isinstance(face, Disturbance) for face in effect.faces):
             other = ["another axis that moves" if each == OTHER else f"a record of {each}" for each in lacking]
             return InTheLoop(None, f"the effect needs {' and '.join(other)}, which these experiments do not have")
-    bare, with_it = (
+    with_effects = f"with {' and '.join(effect.name.replace('_', ' ') for effect in added)}"
+    bare, full = (
         replace(each, axes={axis: each.axes[axis]}, coupling=type(each.coupling)()) for each in (without, model)
     )
-    called = " and ".join(effects.find(name).name.replace("_", " ") for name in names)
+    variants = {AS_MODELLED: bare, with_effects: full}
+    wanted = {"controllers": CONTROLLERS, "variants": tuple(variants)}
     try:
         plan = standard_experiments.plan(bare)
-        wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, f"with {called}")}
         chosen = [e.model_copy(update=wanted) for e in plan.experiments if e.name.partition(" ")[0] in SHOWN_REFERENCES]
-        variants = {AS_MODELLED: bare, f"with {called}": with_it}
         return InTheLoop(simulation.run(bare, variants, replace(plan, experiments=tuple(chosen)), progress))
     except InputError as error:
         return InTheLoop(None, f"{error.field} {error.remedy}".strip())
