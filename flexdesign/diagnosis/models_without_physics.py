@@ -27,6 +27,7 @@ from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation, parameter_of
+from flexdesign.diagnosis.command_segments import jumps
 from flexdesign.diagnosis.comparison.error_location import REGIONS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -219,8 +220,8 @@ class BasisFunctions:
     def _of_time(self, run: Run) -> dict[str, Array]:
         """Return the functions of time, and of time since the last step of the command."""
         command = self.model.command(run)
-        jumps = np.abs(np.diff(command, prepend=command[0])) > 0.02 * self.model.max_command
-        last = np.maximum.accumulate(np.where(jumps, np.arange(len(command)), 0))
+        jumped = np.append(False, jumps(command))
+        last = np.maximum.accumulate(np.where(jumped, np.arange(len(command)), 0))
         since = (np.arange(len(command)) - last) * run.period
         return {
             "reading: log of time since a step": np.log10(1 + since / 0.01),

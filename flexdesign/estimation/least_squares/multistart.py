@@ -11,7 +11,7 @@ import numpy as np
 
 from flexdesign.core.arrays import Array
 from flexdesign.core.errors import InputError
-from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL_REDUCTION, Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Coordinates, Problem, coordinate, exists
 
 #: Points whose cost is computed for each start that may be followed: a tone of 15 periods with unknown amplitude,
@@ -77,11 +77,11 @@ def multistart(problem: Problem, starts: int, progress: Callable[[str], None]) -
 
 
 def _count_converged(problem: Problem, found: list[Solution]) -> int:
-    """Return how many minima are as good as the best: to a tenth of the noise's variance, a third of its sigma."""
+    """Return how many minima are as good as the best, by the reduction at which the search for each ends."""
     best = min((solution.cost for solution in found), default=0.0)
     parameters = len(problem.where.names) + sum(record.columns.shape[1] for record in problem.dataset.records)
     variance = best / max(problem.dataset.samples - parameters, 1)
-    return sum(solution.cost <= best + 0.1 * variance + problem.dataset.floor for solution in found)
+    return sum(solution.cost <= best + SMALL_REDUCTION * variance + problem.dataset.floor for solution in found)
 
 
 def _points(problem: Problem, starts: int) -> Iterator[Array]:
