@@ -147,7 +147,7 @@ def identify(
     progress("predicting all runs")
     dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
     matches = tuple(compare_run(dynamics, run, noise.rms[run.name]) for run in seen)
-    estimates = [search.verdicts[name] for name in asked]
+    estimates = [_with_advice(search.verdicts[name]) for name in asked]
     if exceeds_noise(matches, noise):  # an interval would count the noise, but not the physics that the model lacks
         estimates = [replace(e, sigma=None, interval=None, reason="") if e.determined else e for e in estimates]
     certain = {each.name: each.sigma for each in estimates if each.sigma is not None}
@@ -176,6 +176,14 @@ def _with_remark(run: Run, axis: str) -> Run:
         return run
     in_a_loop = "recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit"
     return replace(run, remarks=(*run.remarks, in_a_loop))
+
+
+def _with_advice(estimate: Estimate) -> Estimate:
+    """Return an estimate that names the experiment which would show the parameter of an effect, if it is not shown."""
+    owner = estimate.name.partition(".")[0]
+    if estimate.determined or owner not in effects.names():
+        return estimate
+    return replace(estimate, reason=f"{estimate.reason}; would show it: {effects.find(owner).reveal}")
 
 
 def misfit(matches: Sequence[RunComparison]) -> tuple[float, int]:
@@ -234,15 +242,12 @@ class _Search:
 
     def _fit(self, free: Sequence[str], starts: int = 1, coarser: float = 1.0) -> Fit:
         """Fit parameters from the present values, with simulations that are coarser by a factor."""
-        owners = {name: name.partition(".")[0] for name in free}
-        reveal = {name: effects.find(owner).reveal for name, owner in owners.items() if owner in effects.names()}
         found = estimation.fit(
             self.dynamics.refined(coarser * self.start.tolerance),
             self.runs,
             free,
             known=self.known,
             starts=starts,
-            reveal=reveal,
             progress=self.progress if starts > 1 else lambda _: None,
         )
         assert isinstance(found.model, AxisDynamics)

@@ -73,7 +73,6 @@ def fit(
     *,
     known: Mapping[str, tuple[float, float]] | None = None,
     starts: int = 8,
-    reveal: Mapping[str, str] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Fit:
     """Fit free parameters of a model to observations, and state which of them the data determine.
@@ -92,8 +91,6 @@ def fit(
         Gaussian priors: means and standard deviations, SI; those of parameters that are not free are ignored.
     starts
         Largest number of starts.
-    reveal
-        The experiment that would reveal a parameter, by its name; for the reason of an undetermined parameter.
     progress
         Receives the progress as text. An exception raised here, or Ctrl-C, ends the fit.
 
@@ -117,7 +114,7 @@ def fit(
         best, found, intervals, is_better = check_intervals(first, range(len(free)), _converge)
         return Fit(
             model=problem.at(best.x),
-            estimates=tuple(_with_advice(e, reveal or {}) for e in estimates(best, found, intervals, minima)),
+            estimates=estimates(best, found, intervals, minima),
             correlation=found.correlation,
             rms=_rms(best),
             inflation=found.inflation,
@@ -145,13 +142,6 @@ def _converge(solution: Solution) -> tuple[Solution, Uncertainty]:
             break
         scale *= factor
     return solution, found
-
-
-def _with_advice(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
-    """Return an estimate that names the experiment which would show a parameter that is not determined."""
-    if estimate.determined or estimate.name not in reveal:
-        return estimate
-    return replace(estimate, reason=f"{estimate.reason}; would show it: {reveal[estimate.name]}")
 
 
 def _rms(solution: Solution) -> tuple[float, ...]:
