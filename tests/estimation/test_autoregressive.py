@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from flexdesign.core.errors import InputError
-from flexdesign.estimation.noise.autoregressive import Autocorrelation, ColouredNoise, Process
+from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 
 Array = NDArray[np.float64]
 SLOW = Process.from_coefficients(np.array([1.0, -0.98]), 0.3)
@@ -88,7 +88,7 @@ def test_spectrum_and_correlation_are_those_of_the_process(process: Process) -> 
 
 def test_one_in_fifty_slow_samples_counts() -> None:
     """Bartlett: (1 + rho^2) / (1 - rho^2)."""
-    assert Autocorrelation(SLOW.coefficients, 1000).inflation == pytest.approx((1 + 0.98**2) / (1 - 0.98**2), rel=1e-4)
+    assert SLOW.inflation(1000) == pytest.approx((1 + 0.98**2) / (1 - 0.98**2), rel=1e-4)
 
 
 def test_twenty_columns_of_eighty_seconds_take_well_under_a_tenth_of_a_second() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from flexdesign.core.arrays import Array, Flags
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
-from flexdesign.estimation.noise.autoregressive import Whitening, estimate_autocorrelation
+from flexdesign.estimation.noise.autoregressive import Whitening, process_of
 
 #: Relative error of the simulator: residuals smaller than this share of the data are rounding.
 SIMULATION_ROUNDING = 1e-7
@@ -184,7 +184,7 @@ class Dataset:
         """
         pairs = zip(self.records, residuals, strict=True)
         parts = [part[: len(record.measured)] for record, part in pairs]
-        weighted = sum(float(part @ part) * estimate_autocorrelation(part).inflation for part in parts)
+        weighted = sum(float(part @ part) * process_of(part).inflation(len(part)) for part in parts)
         return max(weighted / self.samples, 1.0)
 
     def _shapes_at(self, model: Model) -> Shapes:

@@ -21,7 +21,7 @@ from flexdesign.estimation.model_selection.estimation_task import (
     search_initial_states,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
+from flexdesign.estimation.noise.autoregressive import process_of
 
 #: First factor by which thresholds are changed, up and down: smaller changes are within the reach of derivatives.
 THRESHOLD_FACTOR = 1.1
@@ -88,7 +88,7 @@ class FittedModel:
     def is_white(self) -> bool:
         """Whether no residual of the fitted runs is correlated from one sample to the next."""
         pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
-        return all(estimate_autocorrelation(part[: len(record.measured)]).is_white for record, part in pairs)
+        return not any(process_of(part[: len(record.measured)]).order for record, part in pairs)
 
     def jumps(self, runs: Collection[str]) -> int:
         """Return the number of sudden changes in the whitened residual of some of the fitted runs.

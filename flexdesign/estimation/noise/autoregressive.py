@@ -134,48 +134,32 @@ class Process:
         whitened[:count] = self.start[:count, :count] @ columns[:count]
         return whitened
 
+    def periodic_autocorrelation(self, samples: int) -> Array:
+        """Return the correlations at the lags 0, 1, ... of a periodic process of twice the samples or more, by FFT.
 
-@dataclass(frozen=True, eq=False)
-class Autocorrelation:
-    """The correlation between the n samples of a stationary residual; its coefficients are those of `Process`."""
-
-    coefficients: Array
-    samples: int
-
-    @property
-    def is_white(self) -> bool:
-        """Whether no correlation was found."""
-        return len(self.coefficients) == 1
-
-    @cached_property
-    def autocorrelation(self) -> Array:
-        """The correlations at the lags 0, 1, ... of a periodic process of 2n samples or more, by FFT.
-
-        In contrast to `Process.autocorrelation` all lags cost O(n log n), and a root on the unit circle is no problem.
+        In contrast to `autocorrelation` all lags cost O(n log n), and a root on the unit circle is no problem.
         """
-        length = next_fast_len(2 * self.samples, real=True)
+        length = next_fast_len(2 * samples, real=True)
         inverse = np.abs(rfft(self.coefficients, length)) ** 2
         # A residual without noise has a root on the unit circle, where `inverse` is zero but for rounding.
         covariance = irfft(1 / np.maximum(inverse, np.finfo(float).eps * inverse.max()), length)
         return np.asarray(covariance / covariance[0])
 
-    @property
-    def inflation(self) -> float:
-        """Number of samples that count as one: the sum of the squared correlations over all lags (Bartlett 1946)."""
-        return 1.0 if self.is_white else float(self.autocorrelation @ self.autocorrelation)
+    def inflation(self, samples: int) -> float:
+        """Return how many samples count as one: the sum of the squared correlations over all lags (Bartlett 1946)."""
+        return float(np.sum(self.periodic_autocorrelation(samples) ** 2)) if self.order else 1.0
 
     def quadratic(self, columns: Array) -> Array:
-        """Return columns' R columns, with the correlation matrix R of the residual; `columns` are n by m."""
-        if self.is_white:
+        """Return columns' R columns, with the correlation matrix R of the process; `columns` are n by m."""
+        if not self.order:
             return columns.T @ columns
-        lags = self.autocorrelation[: self.samples]
+        lags = self.periodic_autocorrelation(len(columns))[: len(columns)]
         return np.asarray(columns.T @ matmul_toeplitz(lags, columns, check_finite=False))
 
 
-def estimate_autocorrelation(residual: Array) -> Autocorrelation:
-    """Return the correlation of a residual (n) by Burg's recursion."""
-    reflections = burg([residual]) if len(residual) >= FEWEST_SAMPLES else np.zeros(0)
-    return Autocorrelation(Process(reflections, 1.0).coefficients, len(residual))
+def process_of(residual: Array) -> Process:
+    """Return the process behind a residual by Burg's recursion, with innovations of variance one."""
+    return Process(burg([residual]) if len(residual) >= FEWEST_SAMPLES else np.zeros(0), 1.0)
 
 
 def burg(records: Sequence[Array], highest_order: float = math.inf) -> Array:

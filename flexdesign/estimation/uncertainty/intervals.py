@@ -10,7 +10,7 @@ takes its place (Huber 1967; with correlated errors, Hansen 1982). J is the Jaco
 precision of prior knowledge. The correlation R_i of a record is that of the autoregressive process found in its
 residual (`noise.autoregressive`), rather than a sum over lags: at the correlations seen here a lag window would need
 more samples than there are. The variance s_i^2 counts the degrees of freedom that the fit takes from a coloured
-residual, and Student's quantile those that remain after samples are counted as `Autocorrelation.inflation` says.
+residual, and Student's quantile those that remain after samples are counted as `Process.inflation` says.
 
 The correlation estimated from a residual is too small where few independent samples stand behind each parameter: for
 100 samples of correlation 0.9 from one to the next, intervals hold the truth in five of six replicas instead of 19 of
@@ -43,7 +43,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     add_normal,
     solve,
 )
-from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
+from flexdesign.estimation.noise.autoregressive import process_of
 
 #: Relative accuracy of the ends of intervals: a user sees no twentieth of one.
 ACCURACY = 0.05
@@ -130,13 +130,13 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
     counts = [len(record.measured) for record in records]
     residuals = [whole[:count] for whole, count in zip(solution.residuals, counts, strict=True)]
-    correlations = [estimate_autocorrelation(residual) for residual in residuals]
-    scores = [c.quadratic(j[:count]) for c, j, count in zip(correlations, jacobians, counts, strict=True)]
+    processes = [process_of(residual) for residual in residuals]
+    scores = [p.quadratic(j[:count]) for p, j, count in zip(processes, jacobians, counts, strict=True)]
     fitted_dof = [  # degrees of freedom that the fit takes from a record, with its nuisance columns
-        float(np.sum(inverse_hessian * score)) + float(np.trace(c.quadratic(record.basis[:count])))
-        for c, score, record, count in zip(correlations, scores, records, counts, strict=True)
+        float(np.sum(inverse_hessian * score)) + float(np.trace(p.quadratic(record.basis[:count])))
+        for p, score, record, count in zip(processes, scores, records, counts, strict=True)
     ]
-    inflation = np.array([correlation.inflation for correlation in correlations])
+    inflation = np.array([process.inflation(count) for process, count in zip(processes, counts, strict=True)])
     samples = np.array([int(record.present.sum()) for record in records])
     chi2 = np.array([float(residual @ residual) for residual in residuals])
     # For a slowly varying residual all degrees of freedom may seem fitted; a tenth of them keeps variances finite.
@@ -145,7 +145,7 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection)))
     parameters += solution.problem.dataset.nuisance_dof
     dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
-    is_white = all(correlation.is_white for correlation in correlations)
+    is_white = not any(process.order for process in processes)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
     variance = given if is_explained else pooled
     variances = np.full(len(records), variance) if is_white else np.maximum(chi2 / residual_dof, given)

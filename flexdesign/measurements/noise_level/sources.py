@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from flexdesign.core.arrays import Array
-from flexdesign.estimation.noise.autoregressive import estimate_autocorrelation
+from flexdesign.estimation.noise.autoregressive import process_of
 from flexdesign.estimation.noise.autoregressive import stretches as where_up
 from flexdesign.estimation.noise.quiet_stretches import Stretch
 from flexdesign.measurements.recordings import Run
@@ -256,7 +256,7 @@ def _is_louder(one: Array, other: Array) -> bool:
     powers, counted = [], []
     for part in (one - one.mean(), other - other.mean()):
         powers.append(float(part @ part) / len(part))
-        counted.append(max(len(part) / estimate_autocorrelation(part).inflation, 1.0))
+        counted.append(max(len(part) / process_of(part).inflation(len(part)), 1.0))
     return powers[0] > ratio_of_variances.isf(SIGNIFICANCE**0.5, *counted) * powers[1]
 
 
@@ -292,7 +292,7 @@ def _is_moving(values: Array) -> tuple[float, float, float]:
     steps = np.diff(values)
     third = len(steps) // 3
     early, late = steps[:third] - steps[:third].mean(), steps[-third:] - steps[-third:].mean()
-    counted = third / min(estimate_autocorrelation(late).inflation, NARROWEST)  # what rings is narrow itself
+    counted = third / min(process_of(late).inflation(len(late)), NARROWEST)  # what rings is narrow itself
     return float(early @ early) / third, float(late @ late) / third, counted
 
 
