@@ -234,8 +234,8 @@ def test_what_is_not_determined_keeps_its_value_and_the_model_matches_all_the_sa
     seen = small_step()
     axis = seen.model.axes["x"]
     for name, held in seen.held.items():
-        assert axis.numbers[name] == held.value
-        assert held.value == START.numbers.get(name, 0.0) or not held.is_old
+        assert axis.numbers[name] == held
+        assert (held == START.numbers.get(name, 0.0)) is (name not in seen.contradicted)
         assert name not in axis.uncertainty
     assert seen.runs[0].rms < 1.2 * 2e-9  # 400 samples: 3 / sqrt(800) = 11 %, and 2 % that holding may cost
     assert "not determined" in " ".join(identification_report.summary(seen))
@@ -248,7 +248,7 @@ def test_what_stands_in_for_one_another_is_named() -> None:
         free=["gain", "driver.gain"],
         starts=2,
     )
-    assert list(seen.held) == ["driver.gain"] and seen.held["driver.gain"].is_old
+    assert list(seen.held) == ["driver.gain"] and not seen.contradicted
     assert "product" in seen.estimates[1].reason
     assert seen.estimates[0].determined and seen.model.axes["x"].gain == pytest.approx(TRUTH.gain, rel=1e-2)
 

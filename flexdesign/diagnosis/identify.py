@@ -30,20 +30,6 @@ from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
 
 
-@dataclass(frozen=True)
-class Held:
-    """A parameter that the runs do not determine, and the value at which it was held [SI].
-
-    Parameters
-    ----------
-    value, is_old
-        The value it had; or that of the best fit, where the runs contradict the old one.
-    """
-
-    value: float
-    is_old: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Identification:
     """A fitted stage model with its estimates, fits and runs.
@@ -56,8 +42,11 @@ class Identification:
         The axis that was identified.
     estimates
         The verdict on each parameter, in the order asked for. Where some are held, intervals hold for their values.
-    held, known
-        Parameters that the runs do not determine; and prior knowledge, value and standard deviation, SI.
+    held, contradicted
+        Values at which parameters are held that the runs do not determine, SI; and the names of those among them whose
+        old values the runs contradict, so that the values are those of the best fit.
+    known
+        Prior knowledge, value and standard deviation, SI.
     fit
         The last fit, of the determined parameters; None if there are none.
     starts
@@ -78,7 +67,8 @@ class Identification:
     model: StageModel
     axis: str
     estimates: tuple[Estimate, ...]
-    held: Mapping[str, Held]
+    held: Mapping[str, float]
+    contradicted: tuple[str, ...]
     known: Mapping[str, tuple[float, float]]
     fit: Fit | None
     starts: Starts
@@ -159,6 +149,7 @@ def identify(
         axis=name,
         estimates=tuple(estimates),
         held=search.held,
+        contradicted=tuple(search.contradicted),
         known=search.known,
         fit=search.last,
         starts=search.starts,
@@ -212,7 +203,8 @@ class _Search:
     ) -> None:
         self.start, self.runs, self.asked, self.progress = start, runs, tuple(asked), progress
         self.known = start.axis.prior(asked)
-        self.held: dict[str, Held] = {}
+        self.held: dict[str, float] = {}
+        self.contradicted: list[str] = []
         self.evaluations = 0
         # Simulations of 1e-5 of the span determine the best minimum: they are faster, and still below any noise.
         self.dynamics = start
@@ -232,12 +224,14 @@ class _Search:
         for which, model in {"old": self.start, "best": dynamics}.items():
             value = parameter_of(model, name).start or 0.0  # what the model does not say is as in the catalogue
             self.dynamics = dynamics.replace({name: value})
-            self.held[name] = Held(value, which == "old")
+            self.held[name] = value
             self.progress(f"{name} is held at its {which} value; fitting the others again")
             found = self._fit(others) if others else None
             rms = found.rms if found else [compare_run(self.dynamics, run, 1.0).rms for run in self.runs]
             if not any(map(is_worse, rms, best.rms)):
                 break
+            if which == "old":
+                self.contradicted.append(name)
         return found
 
     def _fit(self, free: Sequence[str], starts: int = 1, coarser: float = 1.0) -> Fit:
@@ -261,7 +255,7 @@ def _update(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs:
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
     relative = {name: sigmas[name] / abs(v) if v and name in sigmas else math.inf for name, v in values.items()}
     known = known_axis(axis, relative, runs)
-    guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]
+    guessed = [name for name in search.contradicted if name != DELAY]
     uncertainty = {name: sigma for name, sigma in known.uncertainty.items() if name not in guessed}
     sources = {**known.sources, **dict.fromkeys(guessed, f"suits {listed_runs(runs)}, as other values do")}
     assumed = tuple(dict.fromkeys([*known.assumed, *guessed]))

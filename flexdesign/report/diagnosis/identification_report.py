@@ -29,12 +29,10 @@ def estimates(identification: Identification) -> Table:
     for estimate in identification.estimates:
         value, remark = estimate.value_text, estimate.reason
         if estimate.name in identification.held:
-            held = identification.held[estimate.name]
-            value = f"({_value(estimate, held.value)})"
-            validation_runs = (
-                "keeps its old value" if held.is_old else "held at the best fit, as its old value contradicts the runs"
-            )
-            remark = f"not determined, {validation_runs}: {estimate.reason}"
+            value, how = f"({_value(estimate, identification.held[estimate.name])})", "keeps its old value"
+            if estimate.name in identification.contradicted:
+                how = "held at the best fit, as its old value contradicts the runs"
+            remark = f"not determined, {how}: {estimate.reason}"
         interval = "not stated" if identification.is_incomplete and estimate.determined else estimate.interval_text
         rows.append([estimate.name, value, interval, _prior(identification, estimate), remark])
     return Table(["parameter", "value", "95 % interval", "prior", "remark"], rows)
@@ -278,7 +276,7 @@ def _json(identification: Identification, estimate: Estimate) -> dict[str, Any]:
         "sigma": estimate.sigma,
         "interval": list(estimate.interval) if estimate.interval else None,
         "reason": estimate.reason,
-        "held": {"value": held.value, "is_old": held.is_old} if held else None,
+        "held": None if held is None else {"value": held, "is_old": estimate.name not in identification.contradicted},
         "known": {"value": known[0], "sigma": known[1]} if known else None,
     }
 
