@@ -234,10 +234,10 @@ def _test_peak(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit
     fit = _fit(stretches, frequency, period, process)
     dof = 2 * len(_runs(stretches))
     frequencies = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)
-    is_noise = chdtrc(dof, max(fit.explained, 0.0)) * frequencies > LEVEL
+    is_noise = chdtrc(dof, fit.explained) * frequencies > LEVEL
     fades = _fit(fit.without, frequency, period, process, fading=True).explained
     # With noise that is not quite autoregressive, a strong sinusoid may seem to fade by a small share of its squares.
-    dies_away = fades > SHARE * fit.explained and chdtrc(dof, max(fades, 0.0)) < LEVEL
+    dies_away = fades > SHARE * fit.explained and chdtrc(dof, fades) < LEVEL
     return None if is_noise or dies_away else fit
 
 
