@@ -116,6 +116,7 @@ def test_hysteresis_must_leave_less_than_a_linear_system(record: Callable[..., R
 def test_nothing_is_named_in_the_reading_of_an_acceleration() -> None:
     found = diagnose(stage(), [run("one", "identify", 1), run("two", "validate", 2)])
     assert found.verdict == "unknown" and found.effects == ()
+    assert models_without_physics.LINEAR_IS_BETTER in found.refusals.values()
 
 
 def test_linear_effects_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:

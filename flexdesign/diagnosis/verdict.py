@@ -64,11 +64,13 @@ def decide(
 
 def _approximation(data: DiagnosisData, task: EstimationTask, calibration: FittedModel, fit: FittedModel) -> str:
     """Return why the effects of a fit may approximate something else; empty if nothing shows that they do."""
+    if kind := better_kind(data, task, calibration, fit):
+        return kind
     if ends := [*relevant_ends(task, fit), *(name for name in _limits(fit) if is_end_relevant(task, fit, name))]:
         return f"{_in_words(ends)} {'are' if len(ends) > 1 else 'is'} at the end of what is plausible"
     if moved := displaced(data, task, calibration, fit):
         return f"with them the {_in_words(moved)} is more than twice or less than half what the model says"
-    return better_kind(data, task, calibration, fit)
+    return ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
