@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from flexdesign.estimation.criterion import LEVEL, significant_deviation
+from flexdesign.estimation.criterion import LARGE, LEVEL, significant_deviation
 from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING, Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
@@ -168,6 +168,17 @@ def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
     either = Screening(solution(base("p"), observed, of), [candidate("x", signed=True)])
     assert either.directions[0].start["x"] == pytest.approx(-1.0, rel=1e-3)
     assert [[d.candidate.name for d in ds] for ds in either.best()] == [["x"]]
+
+
+@pytest.mark.parametrize(("size", "is_far"), [(0.95 * LARGE, False), (1.05 * LARGE, True), (-0.05, True)])
+def test_a_strength_beyond_twice_its_plausible_range_promises_nothing(size: float, is_far: bool) -> None:
+    observed = runs(lambda run: size * column(run, "x"))
+    found = Screening(
+        solution(base("p"), observed, ColouredNoise(Process.white(0.01))), [candidate("x", between=(0.0, 1.0))]
+    )
+    (direction,) = found.directions
+    assert direction.values["x"] * direction.best_step == pytest.approx(size, rel=1e-3)
+    assert (direction.predicted_reduction == 0) is is_far
 
 
 def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
