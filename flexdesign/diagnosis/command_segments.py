@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from flexdesign.core.arrays import Array, Flags
-from flexdesign.estimation.noise.autoregressive import stretches
+from flexdesign.estimation.noise.autoregressive import FEWEST_SAMPLES, stretches
 
 #: A command rests while it moves more slowly than a ramp over its whole record. Motion is compared over a thousandth of
 #: the record, and the slowest ramp moves by a thousandth of the span there.
 RECORD_PARTS = 1000
-#: Least number of samples of a rest.
-REST_SAMPLES = 20
 #: A command jumps if it changes by more than this share of its span between two samples.
 JUMP = 0.02
 
@@ -29,7 +27,7 @@ def rests(command: Array) -> list[tuple[int, int]]:
     window = {"size": far + 1, "origin": -((far + 1) // 2)}  # from each sample on
     spans = (maximum_filter1d(command, **window) - minimum_filter1d(command, **window))[: len(command) - far]
     found = [(first, last + far) for first, last in stretches(spans <= np.ptp(command) / RECORD_PARTS)]
-    return [(first, last) for first, last in found if last - first >= REST_SAMPLES]
+    return [(first, last) for first, last in found if last - first >= FEWEST_SAMPLES]
 
 
 def steps(command: Array) -> list[tuple[int, int, float]]:

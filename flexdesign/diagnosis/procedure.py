@@ -66,8 +66,6 @@ from flexdesign.estimation.model_selection.stepwise_selection import (
 )
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: Largest delay that is tried before the first fit, in periods of the mode.
-LARGEST_DELAY = 2.0
 #: Largest number of effects that are added: a driver, a delay and two modes act in bands of their own.
 MOST_EFFECTS = 4
 #: Remarks if the intersample behaviour is not stated, by the behaviour that fits better than straight lines.
@@ -349,7 +347,8 @@ def calibrate(task: EstimationTask, model: Model, nominal: FittedModel | None = 
 def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
     """Return the model with the common trigger delay or lead that fits best on a grid, if that is more than one step.
 
-    If the delay exceeds half a period of the mode, a fit that starts from zero ends in another minimum.
+    If the delay exceeds half a period of the mode, a fit that starts from zero ends in another minimum. The
+    grid reaches two periods.
     """
     if not math.isinf(task.prior_bound):
         return dynamics
@@ -358,7 +357,7 @@ def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
         return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
 
     step = 1 / (FEWEST_PER_PERIOD * dynamics.first.natural_frequency)
-    farthest = min(LARGEST_DELAY / dynamics.first.natural_frequency, TRIGGERED_WITHIN[1])
+    farthest = min(2 / dynamics.first.natural_frequency, TRIGGERED_WITHIN[1])
     delays = np.arange(0.0, farthest, step)
     every = sorted([*delays.tolist(), *(-delays[1:]).tolist()], key=abs)
     best = min(every, key=lambda late: _nuisance_cost(task, late_by(late)))

@@ -52,10 +52,14 @@ def decide(
     refusals = dict[str, str]()
     for named in range(len(every) - 1, 0, -1):
         fit = every[named]
-        if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
+        is_last, reason = fit is history.final, ""
+        is_much = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
+        if (is_last and not adequate) or (
+            is_much and not is_last
+        ):  # of the last fit, a better kind of model is asked for
+            reason = _approximation(data, task, every[0], fit)
+        if not (reason or is_much):
             reason = "less than twice what then remains is explained"
-        else:
-            reason = "" if adequate and fit is history.final else _approximation(data, task, every[0], fit)
         if not reason:
             return "effects-found", fit, refusals
         refusals |= {name: reason for name in fit.names if name not in every[named - 1].names}

@@ -16,7 +16,6 @@ from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING, Dat
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.model_selection.score_test import (
-    NULL_DRAWS,
     Candidate,
     Screening,
     score_of_columns,
@@ -316,7 +315,7 @@ def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: 
     one_sided = np.array([not d.candidate.signed for d in screening.directions])
     largest = (np.where(one_sided, np.maximum(scores, 0), scores) ** 2).max(axis=1)
     share = np.mean([np.mean(largest > screening.critical_value(level, seed=seed)) for seed in range(16)])
-    of_threshold, of_draws = math.sqrt(level / (16 * NULL_DRAWS)), math.sqrt(level / 40_000)
+    of_threshold, of_draws = level / math.sqrt(16 * 10), math.sqrt(level / 40_000)
     assert share == pytest.approx(level, abs=4 * math.hypot(of_threshold, of_draws))
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.arrays import Array, Places
 from flexdesign.diagnosis.check.timing import timing_of
-from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS, REST_SAMPLES
+from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, SEGMENTS, CrossSpectra, cross_spectra
 from flexdesign.estimation.criterion import LEVEL
-from flexdesign.estimation.noise.autoregressive import stretches
+from flexdesign.estimation.noise.autoregressive import FEWEST_SAMPLES, stretches
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.run import commanded_by
@@ -234,8 +234,8 @@ def outliers(run: Run, response: str) -> Places:
     jumps = np.flatnonzero(sizes > max(BEYOND * smallest, JUMP * np.ptp(reading)))
     found = [there[:0]]
     for away, back in pairwise(jumps.tolist()):
-        if back - away <= REST_SAMPLES and steps[away] * steps[back] < 0:
-            first, last = max(away - REST_SAMPLES, 0), back + 1 + REST_SAMPLES
+        if back - away <= FEWEST_SAMPLES and steps[away] * steps[back] < 0:
+            first, last = max(away - FEWEST_SAMPLES, 0), back + 1 + FEWEST_SAMPLES
             around = max(sizes[first:away].max(initial=0.0), sizes[back + 1 : last].max(initial=0.0))
             stands_out = min(sizes[away], sizes[back]) > BEYOND * around
             if stands_out and not _is_driven(run, there[first], there[back]):

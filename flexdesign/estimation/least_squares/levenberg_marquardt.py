@@ -52,8 +52,8 @@ class Effort:
 
 #: A fit to convergence; and one from which no covariance follows.
 FULL, INEXACT = Effort(), Effort(is_exact=False)
-#: A rough fit that ranks candidates; and steps with the known Jacobian alone.
-ROUGH, QUICK = Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
+#: A rough fit that ranks candidates.
+ROUGH = Effort(3, 1e-3, is_exact=False)
 
 
 @dataclass(frozen=True, eq=False)

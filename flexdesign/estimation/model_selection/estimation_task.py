@@ -21,8 +21,9 @@ from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort, Solution, solve
 from flexdesign.estimation.least_squares.residual_function import Coordinates, Map, Problem, coordinate, coordinates
 
-#: Points of the grid from which the initial state of a run is fitted.
-GRID_POINTS = 4
+#: How many of the best are fitted to convergence: points of a grid of initial states, and rough fits with further
+#: effects. Twice as many are fitted roughly, and as many more by other rankings.
+FINALISTS = 3
 #: Fits the initial state of one run from that of a model; returns chi^2 of the run, and the model with it.
 FitState = Callable[[Model, Record], tuple[float, Model]]
 
@@ -171,7 +172,7 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
     costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))
     for k, record in enumerate(records):
         first, last = k * (len(points) + 1), (k + 1) * (len(points) + 1)
-        best = sorted(range(first + 1, last), key=costs.__getitem__)[: GRID_POINTS if fit_state else 1]
+        best = sorted(range(first + 1, last), key=costs.__getitem__)[: FINALISTS if fit_state else 1]
         found = [(costs[at], model.replace(trials[at][1])) for at in best]
         if fit_state is not None:
             found = list(each(lambda pair, record=record: fit_state(pair[1], record), found))

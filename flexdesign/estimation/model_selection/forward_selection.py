@@ -17,8 +17,8 @@ import numpy as np
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import parameter_of
 from flexdesign.estimation.criterion import LARGE, LEVEL, SHARE, large_share
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
-from flexdesign.estimation.model_selection.estimation_task import EstimationTask, grid_initial_states
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Solution
+from flexdesign.estimation.model_selection.estimation_task import FINALISTS, EstimationTask, grid_initial_states
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
@@ -29,8 +29,6 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial, best_of, compare, rank
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
 
-#: Rough fits that are fitted to convergence, and the most that other rankings add; twice as many are fitted roughly.
-FINALISTS = 3
 #: Trials of one candidate from which fits start: the best alone may lead to a local minimum.
 STARTS_PER_CANDIDATE = 2
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
@@ -209,7 +207,7 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
     is_gross = origin.scale > GROSS_MISFIT
     is_misleading = is_gross or any(direction.candidate.has_own_trials for direction in start.directions)
-    model, effort = task.coarse(model.replace(begun)), replace(QUICK, holds_initial_states=is_gross)
+    model, effort = task.coarse(model.replace(begun)), replace(ROUGH, jacobians=0, holds_initial_states=is_gross)
     found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=effort)
     return None if found is None else Entry(start, found)
 

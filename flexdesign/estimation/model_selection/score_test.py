@@ -29,9 +29,6 @@ from flexdesign.estimation.criterion import LARGE, LEVEL, significant_deviation
 from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
-#: Number of simulations without any effect: ten of them exceed the critical value at `criterion.LEVEL`.
-NULL_DRAWS = 10_000
-
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -279,6 +276,8 @@ class Screening:
     def critical_value(self, level: float, seed: int = 0) -> float:
         """Return the value that the largest score exceeds with a probability `level` if nothing is missing.
 
+        It is the quantile of so many simulations that ten of them exceed it.
+
         Parameters
         ----------
         level
@@ -290,7 +289,7 @@ class Screening:
         if not plain:
             return float(chdtri(1, level))
         cosines, rng = self.cosines(plain), np.random.default_rng(seed)
-        draws = rng.multivariate_normal(np.zeros(len(plain)), cosines, NULL_DRAWS, "ignore", method="eigh")
+        draws = rng.multivariate_normal(np.zeros(len(plain)), cosines, round(10 / level), "ignore", method="eigh")
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(draws), np.maximum(draws, 0.0)).max(axis=1)
         return float(np.quantile(largest**2, 1 - level))

@@ -35,14 +35,7 @@ import numpy as np
 from flexdesign.core.arrays import Array
 from flexdesign.estimation.criterion import CONFIDENCE, HALF_WIDTH, LEVEL
 from flexdesign.estimation.least_squares.dataset import DIFFERENCE_STEP, SIMULATION_ROUNDING
-from flexdesign.estimation.least_squares.levenberg_marquardt import (
-    QUICK,
-    ROUGH,
-    Columns,
-    Solution,
-    add_normal,
-    solve,
-)
+from flexdesign.estimation.least_squares.levenberg_marquardt import INEXACT, ROUGH, Columns, Solution, add_normal, solve
 from flexdesign.estimation.noise.autoregressive import process_of
 
 #: Relative accuracy of the ends of intervals: a user sees no twentieth of one.
@@ -286,7 +279,7 @@ class _Path:
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
         x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
         others = self.problem.fixed(self.j, float(x[self.j]), x)
-        found = solve(others, x[self.others], replace(QUICK, share=0.0), columns, small=small)
+        found = solve(others, x[self.others], replace(INEXACT, jacobians=0), columns, small=small)
         if found is None:
             return math.inf, x - self.minimum.x, columns
         if self._above_minimum(x, found) > (1 + ACCURACY) ** 2 * self.expected and self.others.size:
