@@ -25,6 +25,8 @@ from flexdesign.estimation.model_selection.stepwise_selection import SelectionHi
 from flexdesign.estimation.uncertainty.identifiability import intervals
 from flexdesign.measurements.noise_level import allowed_excess
 
+#: Why an effect is not named, see `LARGE`.
+LITTLE = "less than twice what then remains is explained"
 #: This number of jumps in a residual is not random.
 FEWEST_JUMPS = 3
 
@@ -52,17 +54,15 @@ def decide(
     refusals = dict[str, str]()
     for named in range(len(every) - 1, 0, -1):
         fit = every[named]
-        is_last, reason = fit is history.final, ""
-        is_much = np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named])
-        if (is_last and not adequate) or (
-            is_much and not is_last
-        ):  # of the last fit, a better kind of model is asked for
-            reason = _approximation(data, task, every[0], fit)
-        if not (reason or is_much):
-            reason = "less than twice what then remains is explained"
+        if not np.all(-np.diff(rests[: named + 1]) >= LARGE * added[:named] * rests[named]):
+            reason = LITTLE
+        else:
+            reason = "" if adequate and fit is history.final else _approximation(data, task, every[0], fit)
         if not reason:
             return "effects-found", fit, refusals
         refusals |= {name: reason for name in fit.names if name not in every[named - 1].names}
+    if {*refusals.values()} == {LITTLE} and (kind := better_kind(data, task, every[0], history.final)):
+        refusals = dict.fromkeys(refusals, kind)  # it says what the model lacks
     return "unknown", history.calibration, refusals
 
 

@@ -330,7 +330,7 @@ def test_chance_holds_for_whole_screenings() -> None:
         observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
         screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6, 2.0))
         most = max((d.predicted_reduction for d in screening.directions), default=0.0)
-        larger += most > screening.critical_value(0.01)
+        larger += most > screening.critical_value(0.01, seed)
         alone += most > chi2.isf(0.01, 1)
     assert binom.ppf(1e-3, 500, 0.01) <= larger <= binom.ppf(1 - 1e-3, 500, 0.01)
     assert alone > binom.ppf(1 - 1e-3, 500, 0.01)
