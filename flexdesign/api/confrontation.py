@@ -20,9 +20,9 @@ from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import confrontation
 from flexdesign.diagnosis.add_effect import InTheLoop
 from flexdesign.diagnosis.confrontation import Confronted
-from flexdesign.diagnosis.effect_names import own_effects
 from flexdesign.diagnosis.result import Value
 from flexdesign.dynamics.stage_model import StageModel, edit
+from flexdesign.dynamics.stage_model.effect_names import own_effects
 from flexdesign.report import comparison_text
 from flexdesign.report.diagnosis import addition_report, confrontation_report, diagnosis_text
 from flexdesign.report.document import Document

@@ -20,12 +20,12 @@ from flexdesign.diagnosis.add_effect import AddedEffect
 from flexdesign.diagnosis.check import Check, facts, is_table
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.comparison.static_table import TableComparison
-from flexdesign.diagnosis.effect_names import known_effect, own_effects
 from flexdesign.diagnosis.experiment_design.discrimination import proposals
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.diagnosis.progress import Progress as Steps
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from flexdesign.dynamics.stage_model import StageModel, edit
+from flexdesign.dynamics.stage_model.effect_names import known_effect, own_effects
 from flexdesign.measurements import recordings as reading
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 

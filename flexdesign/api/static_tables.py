@@ -17,9 +17,9 @@ from flexdesign.design import design as designs
 from flexdesign.design.design import Design
 from flexdesign.diagnosis.comparison import static_table
 from flexdesign.diagnosis.comparison.static_table import TableComparison
-from flexdesign.diagnosis.effect_names import known_effect, own_effects
 from flexdesign.diagnosis.static_tables import diagnose as diagnosing
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
+from flexdesign.dynamics.stage_model.effect_names import known_effect, own_effects
 from flexdesign.effects import statics
 from flexdesign.report.diagnosis import table_report
 

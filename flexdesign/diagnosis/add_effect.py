@@ -15,7 +15,6 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import OTHER, Disturbance
 from flexdesign.diagnosis import procedure, verdict
-from flexdesign.diagnosis.effect_names import known_effect
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
 from flexdesign.diagnosis.identify import known_axis
@@ -29,6 +28,7 @@ from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_ex
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import StageModel, fields
+from flexdesign.dynamics.stage_model.effect_names import known_effect
 from flexdesign.estimation.criterion import HALF_WIDTH, INCLUDES_NULL, NOT_DETERMINED
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
