@@ -78,7 +78,7 @@ def case_of(
 
 def data(known: Mapping[str, tuple[float, float]]) -> Any:
     """What is asked of a data set: the prior, and the error of the validation runs with its noise."""
-    return SimpleNamespace(known=known, error=lambda fit: fit.rms(HELD), known_noise_rms=SIGMA)
+    return SimpleNamespace(known=known, error=lambda fit: fit.rms(HELD), known_noise=lambda _: SIGMA, selecting=())
 
 
 def conflict(number: str) -> Conflict:
@@ -151,7 +151,8 @@ def test_no_payload_and_no_soft_support_overdamp_a_mode(damping_ratio: float, is
         is_loaded=False,
         coarse_step=None,
         error=lambda _: 1.0,
-        known_noise_rms=0.0,
+        known_noise=lambda _: 0.0,
+        selecting=(),
     )
     found = conflicts(about, fit)
     assert [each.number for each in found] == [*own][: 1 + (damping_ratio > 0.2)]
@@ -167,7 +168,9 @@ def test_no_payload_and_no_soft_support_overdamp_a_mode(damping_ratio: float, is
 @pytest.mark.parametrize(("ratio", "is_much"), [(0.9, False), (1.1, True)])
 def test_what_was_read_off_the_recordings_needs_no_fit_and_must_matter(ratio: float, is_much: bool) -> None:
     """Its mean square is compared with that of the residual above the noise, which is 3 by construction."""
-    residual: Any = SimpleNamespace(error=lambda _: math.hypot(SIGMA, math.sqrt(3.0)), known_noise_rms=SIGMA)
+    residual: Any = SimpleNamespace(
+        error=lambda _: math.hypot(SIGMA, math.sqrt(3.0)), known_noise=lambda _: SIGMA, selecting=()
+    )
     nothing: Any = None
     seen = dataclasses.replace(conflict(""), rms=math.sqrt(ratio * LARGE * 3.0))
     assert explains(residual, nothing, nothing, seen) is is_much
@@ -309,7 +312,7 @@ def test_a_gain_that_is_within_its_prior_with_another_effect_is_not_named(
         is_at_stack=False,
         coarse_step=None,
         error=lambda _: 1.0,
-        known_noise_rms=1.0,  # so that any change explains much
+        known_noise=lambda _: 1.0,  # so that any change explains much
     )
     alone, nothing = fit(0.66e-6, 0.03e-6), SimpleNamespace(free=("gain",))
     found = conflicts(about, alone)

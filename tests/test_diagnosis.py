@@ -766,7 +766,7 @@ def test_steps_of_readings_are_named_only_where_they_matter() -> None:
     vars(about)["coarse_step"] = step = 10 * NOISE
     (steps,) = conflicts(about, fit(about))
     task: Any = None  # not used: there is nothing to fit
-    with mock.patch.object(DiagnosisData, "known_noise_rms", 0.0):
+    with mock.patch.object(DiagnosisData, "known_noise", lambda *_: 0.0):
         assert explains(about, task, fit(about, kept=(step / NOISE) ** 2 / 12 / (1.1 * LARGE)), steps)
         assert not explains(about, task, fit(about, kept=(step / NOISE) ** 2 / 12), steps)
     asked = replace(about, tolerance=step, is_asked=True)

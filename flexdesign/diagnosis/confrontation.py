@@ -239,7 +239,7 @@ class Confrontation:
             self.with_effects(chosen, progress)
             fit = self._kept[chosen].fit
             entries = self._screening(chosen)[1] if fit.exceeds_noise else []
-            singles = {entry.names[0]: entry.solution.cost for entry in entries if len(entry.names) == 1}
+            singles = {entry.start.names[0]: entry.solution.cost for entry in entries if len(entry.start.names) == 1}
         samples = fit.solution.problem.dataset.samples
         unexplained = max(fit.cost - samples, 1e-300)
         found = {
@@ -261,8 +261,8 @@ class Confrontation:
         tried = [candidate for candidate in self.catalogue if name in ("", candidate.name)]
         score, quick = screen(self.task, fit, tried, expansion_points)
         rough = fit_roughly(self.task, fit, quick)
-        fitted = {entry.names for entry in rough}
-        self._screened[key] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
+        fitted = {entry.start.names for entry in rough}
+        self._screened[key] = score, [*rough, *(entry for entry in quick if entry.start.names not in fitted)]
         return self._screened[key]
 
     def _fit_last_effect(self, chosen: tuple[str, ...], roughly: bool) -> _CachedFit:
@@ -271,7 +271,7 @@ class Confrontation:
         candidate = self._candidate(name, others)
         fit = self._kept[tuple(others)].fit
         score, entries = self._screening(tuple(others), name)
-        for entry in (entry for entry in entries if entry.names == (name,)):
+        for entry in (entry for entry in entries if entry.start.names == (name,)):
             if roughly and (rough := evaluate_fit(self.task, entry.solution, entry.start.effects)):
                 return _CachedFit(predict_tests(self.task, rough), is_rough=True)
             if trial := finish(self.task, fit, entry, score):

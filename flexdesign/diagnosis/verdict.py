@@ -121,14 +121,14 @@ def diagnosis_of(
     shape = "" if is_noise else _describe(data, history.final, conclusion.smooth_model)
     if is_noise and not {*history.final.names} <= {*final.names}:
         is_noise, shape = False, _describe_size(data, final)  # effects that are not named explain it
-    unexplained = max(data.test_error(final) ** 2 - data.known_test_noise_rms**2, 0.0)
+    unexplained = max(data.test_error(final) ** 2 - data.known_noise(data.scored) ** 2, 0.0)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
     steps = error_steps(data, error_ladder)
     if conclusion.offset_rms is not None:  # shows what the initial conditions of the runs explain
         steps = (ErrorStep("as designed, offsets alone", conclusion.offset_rms), *steps)
     named = [with_runs(identified_effect(data, error_ladder[1:], n, values), conclusion.by_run) for n in final.names]
     unnamed = [name for name in history.final.names if name not in final.names]
-    shares = {name: _share(data, history.levels, name, data.selecting, data.known_noise_rms) for name in unnamed}
+    shares = {name: _share(data, history.levels, name, data.selecting) for name in unnamed}
     return Diagnosis(
         verdict="effects-found" if implied_effects else conclusion.verdict,
         axis=data.name,
@@ -221,21 +221,18 @@ def identified_effect(
     """Return an effect of the last fit with its values and its share; the first fit is the calibrated one."""
     final = error_ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(data, error_ladder, name, data.scored, data.known_test_noise_rms)]
+    shares = [_share(data, error_ladder, name, data.scored)]
     if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
-        noise_floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
-        shares.append(_share(data, error_ladder, name, scored, noise_floor))  # responses may show what runs do not
+        shares.append(_share(data, error_ladder, name, scored))  # responses may show what runs do not
     return IdentifiedEffect(name, tuple(values[number] for number in effect.free), max(shares))
 
 
-def _share(
-    data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, scored: Sequence[str], noise_floor: float
-) -> float:
+def _share(data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, scored: Sequence[str]) -> float:
     """Return the share of the mean square that calibration leaves unexplained which an effect explains."""
     errors = [fit.rms(scored, data.scales) for fit in error_ladder]
     place = next((i for i, fit in enumerate(error_ladder) if name in fit.names), len(error_ladder) - 1)
     before, after = errors[place - 1] ** 2, errors[place] ** 2
-    return float(np.clip((before - after) / max(errors[0] ** 2 - noise_floor**2, 1e-300), 0.0, 1.0))
+    return float(np.clip((before - after) / max(errors[0] ** 2 - data.known_noise(scored) ** 2, 1e-300), 0.0, 1.0))
 
 
 def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:

@@ -133,7 +133,10 @@ PARTS: tuple[Part, ...] = (
     Part(f"{_PREPARATION}.spectra", "line_frequencies", "tries lines as disturbances", _empty),
     Part(f"{_SELECTION}.fitted_model", "FittedModel.jumps", "counts jumps of the residual", lambda *_: 0),
     Part(
-        f"{_SELECTION}.fitted_model", "FittedModel.nuisance_dof", "discounts linear initial conditions", lambda _: 0.0
+        f"{_ESTIMATION}.least_squares.dataset",
+        "Dataset.nuisance_dof",
+        "discounts linear initial conditions",
+        lambda _: 0.0,
     ),
     Part(
         f"{_SELECTION}.fitted_model", "FittedModel.discrepancy", "discounts evidence by the discrepancy", lambda _: 1.0

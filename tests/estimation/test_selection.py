@@ -249,11 +249,11 @@ def test_pairs_take_no_place_of_single_effects_with_good_scores() -> None:
     about = with_bell(progress=said.append)
     before = calibrated_stand(about)
     _, entries = screen(about, before, decoys(12))
-    singles = sorted((e for e in entries if len(e.names) == 1), key=lambda e: -e.start.predicted_reduction)
+    singles = sorted((e for e in entries if len(e.start.names) == 1), key=lambda e: -e.start.predicted_reduction)
     best, rest = singles[:FINALISTS], singles[FINALISTS:]
     pair = dataclasses.replace(best[0].start, directions=(*best[0].start.directions, *rest[0].start.directions))
     fit_roughly(about, before, [*rest, *best, dataclasses.replace(best[0], start=pair)])
-    assert {entry.names[0] for entry in best} <= {*told(said, "fitting roughly with")}
+    assert {entry.start.names[0] for entry in best} <= {*told(said, "fitting roughly with")}
 
 
 def test_what_promises_too_little_is_not_fitted() -> None:

@@ -122,7 +122,7 @@ def case_of(
         fine=fine,
         each=each,
         progress=progress,
-        noise_rms=data.known_noise_rms,
+        noise_rms=data.known_noise(data.selecting),
         prior_bound=PRIOR_BOUND if data.is_one_record or not data.noise.known else math.inf,
         weights=line_weights(data),
         scales=data.scales,

@@ -190,7 +190,7 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
 
     The fit is repeated with the parameter held at its prior.
     """
-    rest = data.error(fit) ** 2 - data.known_noise_rms**2
+    rest = data.error(fit) ** 2 - data.known_noise(data.selecting) ** 2
     if not conflict.number:
         return conflict.rms**2 >= LARGE * rest
     model = cast(AxisDynamics, fit.model)

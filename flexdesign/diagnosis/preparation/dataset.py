@@ -183,7 +183,7 @@ class DiagnosisData:
 
     def unexplained_rms(self, fit: FittedModel) -> float:
         """Return the rms residual above the noise [response]; all of it if the noise is unknown."""
-        return math.sqrt(max(self.error(fit) ** 2 - self.known_noise_rms**2, 0.0))
+        return math.sqrt(max(self.error(fit) ** 2 - self.known_noise(self.selecting) ** 2, 0.0))
 
     def is_negligible(self, fit: FittedModel) -> bool:
         """Tell whether what is unexplained is below a stated tolerance, or below the usual one if noise is unknown."""
@@ -208,15 +208,9 @@ class DiagnosisData:
         highest = max((float(each.frequencies[-1]) for each in self.responses), default=0.0)
         return [run.period for run in self.runs] or [0.5 / highest]
 
-    @property
-    def known_noise_rms(self) -> float:
-        """Rms noise of the observations that choose the model; zero if the noise is unknown [response]."""
-        return self._rms_noise(self.selecting) if self.noise.known else 0.0
-
-    @property
-    def known_test_noise_rms(self) -> float:
-        """Rms noise of the observations whose errors are stated; zero if the noise is unknown [response]."""
-        return self.noise_rms if self.noise.known else 0.0
+    def known_noise(self, names: Sequence[str]) -> float:
+        """Return the rms noise of some observations; zero if the noise is unknown [response]."""
+        return self._rms_noise(names) if self.noise.known else 0.0
 
     @property
     def line_size(self) -> float:

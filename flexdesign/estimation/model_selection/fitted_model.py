@@ -104,11 +104,6 @@ class FittedModel:
         return count
 
     @property
-    def nuisance_dof(self) -> float:
-        """Effective degrees of freedom of the initial conditions that enter linearly."""
-        return self.solution.problem.dataset.nuisance_dof
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
         return tuple(effect.name for effect in self.effects)

@@ -63,11 +63,6 @@ class Entry:
     start: _Start
     solution: Solution
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The one or two effects that it adds."""
-        return self.start.names
-
 
 def screen(
     task: EstimationTask,
@@ -111,7 +106,7 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         return None if found is None else replace(entry, solution=found)
 
     best, rest = entries[: 2 * FINALISTS], entries[2 * FINALISTS :]
-    others = [e for e in rest if e.start.origin is fit and len(e.names) == 1]
+    others = [e for e in rest if e.start.origin is fit and len(e.start.names) == 1]
     others.sort(key=lambda e: -e.start.predicted_reduction)
     return _best_by_names(task.each(roughly, [*best, *others[:FINALISTS]]))
 

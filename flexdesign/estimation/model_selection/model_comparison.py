@@ -87,7 +87,8 @@ def compare(
     `score` is the critical value of the largest score, see `criterion.critical_value`.
     """
     # Priors do not count: an effect is not needed because it lets a parameter stay at its prior.
-    gain = before.fitted_chi2 - after.fitted_chi2 - max(after.nuisance_dof - before.nuisance_dof, 0.0)
+    more_nuisance = after.solution.problem.dataset.nuisance_dof - before.solution.problem.dataset.nuisance_dof
+    gain = before.fitted_chi2 - after.fitted_chi2 - max(more_nuisance, 0.0)
     is_validated = bool(task.validate.records)
     scored = task.scored or (task.validate if is_validated else task.identify).names
     errors = [fit.rms(scored, task.scales) for fit in (before, after)]
