@@ -276,7 +276,7 @@ class Screening:
     def critical_value(self, level: float, seed: int = 0) -> float:
         """Return the value that the largest score exceeds with a probability `level` if nothing is missing.
 
-        It is the quantile of so many simulations that ten of them exceed it.
+        It is a quantile of simulations, the number of which is such that ten exceed it.
 
         Parameters
         ----------
