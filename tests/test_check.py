@@ -13,10 +13,9 @@ import pytest
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 import flexdesign as fd
-from flexdesign.diagnosis import command_segments
 from flexdesign.diagnosis.check import coverage, timing
 from flexdesign.diagnosis.check.suspicion import outliers
-from flexdesign.measurements.recordings import FrequencyResponse, Run, write_run
+from flexdesign.measurements.recordings import FrequencyResponse, Run, command_segments, write_run
 from flexdesign.report.diagnosis import check_report
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
-from flexdesign.diagnosis.command_segments import steps
 from flexdesign.diagnosis.comparison import Comparison, where
 from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.diagnosis.initialised_comparison import compare
@@ -26,6 +25,7 @@ from flexdesign.dynamics.stage_model import AxisModel, Driver, StageModel, to_to
 from flexdesign.estimation.noise.autoregressive import ColouredNoise, Process
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run, write_run
+from flexdesign.measurements.recordings.command_segments import steps
 from flexdesign.report import comparison_text, render
 from flexdesign.report.diagnosis import comparison_report
 

@@ -27,7 +27,6 @@ from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
 from flexdesign.core.model import Observation, parameter_of
-from flexdesign.diagnosis.command_segments import jumps
 from flexdesign.diagnosis.comparison.error_location import REGIONS
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -43,6 +42,7 @@ from flexdesign.estimation.model_selection.sparse_residual_model import (
     without_columns,
 )
 from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.measurements.recordings.command_segments import jumps
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
 #: Why effects are not named if another kind of model explains more.

@@ -13,11 +13,11 @@ import numpy as np
 
 from flexdesign import effects
 from flexdesign.core.arrays import Array, Flags
-from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS, jumps, rests
 from flexdesign.diagnosis.experiment_design.effect_strength import KIND_WORDS, names_kind
 from flexdesign.diagnosis.experiment_design.experiments import STEP_HOLD, WARMING
 from flexdesign.measurements.noise_level.sources import fewest_samples
 from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.measurements.recordings.command_segments import JUMP, RECORD_PARTS, jumps, rests
 
 #: The ends of the band that holds nine tenths of the power of a multisine, or of noise, have at least this ratio.
 BROAD_RATIO = 4.0

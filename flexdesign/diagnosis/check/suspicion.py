@@ -11,12 +11,12 @@ import numpy as np
 from flexdesign.core import units
 from flexdesign.core.arrays import Array, Places
 from flexdesign.diagnosis.check.timing import timing_of
-from flexdesign.diagnosis.command_segments import JUMP, RECORD_PARTS
 from flexdesign.diagnosis.preparation.spectra import FEWEST_PER_PERIOD, SEGMENTS, CrossSpectra, cross_spectra
 from flexdesign.estimation.criterion import LEVEL
 from flexdesign.estimation.noise.autoregressive import FEWEST_SAMPLES, stretches
 from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.measurements.recordings.command_segments import JUMP, RECORD_PARTS
 from flexdesign.measurements.recordings.run import commanded_by
 
 #: Noise is filtered if its density in the upper part of the band is below this share of that in the middle.

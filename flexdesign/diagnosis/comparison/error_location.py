@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from flexdesign.core.arrays import Array, Places
-from flexdesign.diagnosis.command_segments import steps
 from flexdesign.estimation.criterion import SHARE
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run
+from flexdesign.measurements.recordings.command_segments import steps
 
 #: Regions of position and of voltage.
 REGIONS = 5

@@ -12,10 +12,10 @@ import numpy as np
 from flexdesign.core import units, versions
 from flexdesign.core.errors import join_names
 from flexdesign.core.serialise import header, with_unit
-from flexdesign.diagnosis.command_segments import jumps
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison
 from flexdesign.diagnosis.comparison.compare import reversal_doubt
 from flexdesign.dynamics.axis.axis_run import doubts
+from flexdesign.measurements.recordings.command_segments import jumps
 from flexdesign.report import comparison_text as words
 from flexdesign.report.comparison_text import axis_unit
 from flexdesign.report.diagnosis import residual_charts as charts

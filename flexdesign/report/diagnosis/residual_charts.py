@@ -10,8 +10,8 @@ import numpy as np
 
 from flexdesign.core import units
 from flexdesign.core.arrays import Array
-from flexdesign.diagnosis.command_segments import steps
 from flexdesign.diagnosis.preparation.spectra import cross_spectra
+from flexdesign.measurements.recordings.command_segments import steps
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
 WIDTH = 7.2
