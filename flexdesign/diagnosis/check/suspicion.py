@@ -21,6 +21,8 @@ from flexdesign.measurements.recordings.run import commanded_by
 
 #: Noise is filtered if its density in the upper part of the band is below this share of that in the middle.
 FILTERED_NOISE = 0.1
+#: A coherence below this: less than half of the power of the response follows the command.
+LEAST_COHERENCE = 0.5
 #: A jump away and back is this many times the largest change around it. Of a resonance, successive jumps differ by
 #: less: even at a damping ratio of 0.4 a swing is a quarter of the one before. Of 50 samples of normal noise none is
 #: twice the largest other.
@@ -103,7 +105,7 @@ def _of_response(run: Run, response: str) -> list[Suspicion]:
         found.append(Suspicion("", f"{response} is in volts", remedy))
     if (spectra := _spectra(run, response, column)) is None:
         return found
-    if (agrees := _coherence(run, response, column, spectra)) < 0.5:  # less than half of the power
+    if (agrees := _coherence(run, response, column, spectra)) < LEAST_COHERENCE:
         what = f"{response} hardly follows {column}: their coherence is {agrees:.2f}"
         remedy = "check that both were recorded together, and the names of the columns"
         return [*found, Suspicion(run.name, what, remedy)]
@@ -186,8 +188,8 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
         remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))
     else:
-        if share := float(np.mean(response.coherence < 0.5)):  # as of runs
-            what = f"{100 * share:.0f} % of its lines have a coherence below 0.5"
+        if share := float(np.mean(response.coherence < LEAST_COHERENCE)):
+            what = f"{100 * share:.0f} % of its lines have a coherence below {LEAST_COHERENCE:g}"
             found.append(Suspicion(response.name, what, "average longer, or drive harder"))
         if response.averages is None:
             remedy = "write averages = ... for it in measurements.toml: with the coherence it determines the noise"

@@ -100,6 +100,10 @@ def case_of(
     free = LINEAR_PARAMETERS + (HYSTERESIS_PARAMETERS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, initial_conditions(data.axis, stroke)
 
+    def bare(of: Model) -> Model:
+        own = cast(AxisDynamics, of)
+        return replace(dynamics, by_run=own.by_run, tolerance=own.tolerance)
+
     def fine(of: Model, scale: float) -> Model:
         return cast(AxisDynamics, of).with_steps(most, tolerance=tolerance * math.sqrt(max(scale, 1.0)))
 
@@ -113,9 +117,7 @@ def case_of(
         test=Dataset(test_runs, noise, shapes) if (test_runs := data.observed("test")) else None,
         free=free,
         known=known,
-        bare=lambda of: replace(
-            dynamics, by_run=cast(AxisDynamics, of).by_run, tolerance=cast(AxisDynamics, of).tolerance
-        ),
+        bare=bare,
         tolerance=data.tolerance,
         # Long sampling periods mostly need few steps: their number is found, up to the largest that may be needed.
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),

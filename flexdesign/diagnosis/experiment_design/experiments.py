@@ -212,12 +212,8 @@ class _Maker:
         size, period = MULTISINE_LEVELS[level], 1 / self.resolution
         edges, resolution = [f"{edge!r} Hz" for edge in self.band], f"{self.resolution!r} Hz"
         shape = dict(shape="multisine", low="-1 V", high="1 V", band=edges, resolution=resolution)
-        draws = (
-            Multisine.model_validate({**shape, "seed": int(seed)}).sampled(self.period)[
-                : round(period * self.limits.rate)
-            ]
-            for seed in self.generator.integers(2**32, size=PHASE_DRAWS)
-        )
+        seeds, samples = self.generator.integers(2**32, size=PHASE_DRAWS).tolist(), round(period * self.limits.rate)
+        draws = (Multisine.model_validate({**shape, "seed": each}).sampled(self.period)[:samples] for each in seeds)
         tones = max(draws, key=np.std)  # all have the same peak
         purpose = f"resonance, damping, delay at {100 * size:g} % of the range, phases {realisation}"
         return self.within(
