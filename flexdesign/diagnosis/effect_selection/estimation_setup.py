@@ -49,13 +49,11 @@ PREDICTION_ERROR = 0.1
 #: Most steps in a sample for fits, and steps for screening; slow samples may have as many as a step of this length asks
 #: for [s], or of a twentieth of a period of a slow mode.
 MOST_STEPS, STEPS_OF_SCREENING, SHORTEST_STEP = 16, 2, 4.4e-4
-#: Standard deviations of the priors: of a reversal voltage as a share of the largest command, and of the amplitude of a
-#: mode as a share of the stroke.
-REVERSAL_DEVIATION, RINGING_DEVIATION = 0.4, 0.1
 #: Largest trigger delay of a run, in standard deviations of its prior, in the model as designed and if there is only
 #: one run: otherwise the trigger delay would stand for a lag that the model lacks. Several runs may share a delay.
 PRIOR_BOUND = 4.0
-#: Plausible relative change of a parameter without a prior.
+#: Plausible relative change of a parameter without a prior, and amplitude of a mode at the beginning of a run over the
+#: stroke.
 PLAUSIBLE_CHANGE = 0.3
 
 
@@ -208,12 +206,17 @@ def prior_of_initial_condition(
     run, _, number = parameter.name.rpartition(":")
     if number in (by_run := cast(AxisDynamics, model).by_run):
         return 0.0, by_run[number]
-    if number == TRIGGER:
-        # A record that is triggered at any moment of a sample: a uniform distribution.
-        return 0.0, next(each.period for each in runs if each.name == run) / math.sqrt(12)
-    if number in REVERSALS:
-        return REVERSALS[number] * max_command, REVERSAL_DEVIATION * max_command
+    if number == TRIGGER:  # at any moment of a sample
+        period = next(each.period for each in runs if each.name == run)
+        return _uniform(-period / 2, period / 2)
+    if number in REVERSALS:  # anywhere in the range of the commands
+        return _uniform(-max_command if cast(AxisDynamics, model).bipolar else 0.0, max_command)
     return None
+
+
+def _uniform(low: float, high: float) -> tuple[float, float]:
+    """Return mean and standard deviation of a uniform distribution."""
+    return (low + high) / 2, (high - low) / math.sqrt(12)
 
 
 @dataclass(frozen=True)
@@ -246,7 +249,7 @@ class InitialConditions:
             damped, decay = w * math.sqrt(max(1 - damping_ratio**2, 0.0)), np.exp(-damping_ratio * w * t)
             columns += [decay * np.cos(damped * t), decay * np.sin(damped * t)]
         columns += [np.exp(-t / tau) for tau, _ in self.slow]
-        ringing = 2 * len(self.modes) * [RINGING_DEVIATION * self.stroke]
+        ringing = 2 * len(self.modes) * [PLAUSIBLE_CHANGE * self.stroke]
         sizes = [math.inf, *ringing, *(share * self.stroke for _, share in self.slow)]
         return np.column_stack(columns), np.array(sizes)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexdesign.core.arrays import Array, Flags
+from flexdesign.estimation.criterion import LARGE
 from flexdesign.estimation.least_squares.residual_function import JacobianBlock, Problem
 
 #: A step with a predicted reduction of chi^2 below this, times the discrepancy, is the last: it changes no parameter by
@@ -20,7 +21,7 @@ from flexdesign.estimation.least_squares.residual_function import JacobianBlock,
 SMALL_REDUCTION = 0.1
 #: An updated Jacobian serves while the gain ratio, actual by predicted reduction, is at least this, and for this
 #: number of steps; it shows convergence if the gain ratio of the last step was between these.
-LEAST_GAIN_RATIO, MOST_UPDATES, CONVERGED_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
+LEAST_GAIN_RATIO, MOST_UPDATES = 0.1, 12
 #: Damping: its first value, and its factors after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-3, 0.2, 8.0
 #: The search ends if the Jacobian was computed this number of times at one point without a better step.
@@ -208,7 +209,7 @@ class _Search:
                 self._release()
                 return False
             if predicted_reduction <= enough:
-                return self.fresh or CONVERGED_GAIN_RATIO[0] < self.gain_ratio < CONVERGED_GAIN_RATIO[1]
+                return self.fresh or 1 / LARGE < self.gain_ratio < LARGE
             tried = self.problem.residuals(self.x + step)
             reached = self.problem.cost(self.x + step, tried)
             if tried is not None and reached < self.cost:
