@@ -46,9 +46,9 @@ RINGS = 0.05
 STILL = 0.01
 #: Periods of the mode after which it is taken to have settled, however small its damping.
 LONGEST_LEAD = 1000.0
-#: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
+#: Where the voltage had turned before a record, as numbers of its own, and in shares of the range of the commands.
 REVERSALS = {"turn.1": 0.75, "turn.2": 0.1}
-#: Where a search tries them, where commands have one sign, and where they have both.
+#: Where a search tries them in shares of the largest command, where commands have one sign, and where they have both.
 TRIAL_REVERSALS = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
 TRIAL_REVERSALS_BIPOLAR = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
 #: Range of the turning voltages, over the largest command: a stage may have been driven further before the record.
@@ -157,13 +157,18 @@ class AxisDynamics:
         farthest, tried = TURNED_WITHIN * self.max_command, TRIAL_REVERSALS_BIPOLAR if self.bipolar else TRIAL_REVERSALS
         before, range_ = "where the voltage had turned before the record", (-farthest, farthest)
         turns = (
-            Parameter(name, "V", "V", before, None, share * self.max_command, range_, screen=self._shares(tried[name]))
-            for name, share in REVERSALS.items()
+            Parameter(name, "V", "V", before, None, start, range_, screen=self._shares(tried[name]))
+            for name, start in self._reversals().items()
         )
         phases = (replace(p, screen=QUARTERS) for p in common if p.per_run and p.si == "rad")
         deviations = (_deviation(p) for p in common if p.name in self.by_run)
         for p in (*phases, *deviations, trigger, *(turns if self._remembers else ())):
             yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)
+
+    def _reversals(self) -> dict[str, float]:
+        """Return where a voltage had turned before a record unless the run has numbers of its own [V], by name."""
+        low = -self.max_command if self.bipolar else 0.0
+        return {name: low + share * (self.max_command - low) for name, share in REVERSALS.items()}
 
     def _shares(self, shares: Iterable[float]) -> tuple[float, ...]:
         return tuple(share * self.max_command for share in shares)
@@ -352,7 +357,7 @@ class AxisDynamics:
         if run.name not in self.apart:
             lasts = self._decay(DECAYED, 0.5 * self.first.damping_ratio)
             return (Lead(np.full(math.ceil(lasts / period) + 1, first), period) if first else None), np.zeros(0)
-        turns = [0.0, *(own.get(name, share * self.max_command) for name, share in REVERSALS.items()), first]
+        turns = [0.0, *(own.get(name, start) for name, start in self._reversals().items()), first]
         lasts = PERIODS_OF_A_WAY / self.first.natural_frequency
         samples = [max(8, math.ceil(lasts / each)) for each in (period, period, run.period)]
         ways = [a + (b - a) * smooth_way(n) for (a, b), n in zip(pairwise(turns), samples, strict=True)]

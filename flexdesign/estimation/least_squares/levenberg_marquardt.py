@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -102,6 +103,12 @@ class Solution:
                 for part, place in zip(self.jacobian, places, strict=True)
             ]
         return columns
+
+    @cached_property
+    def newton_step(self) -> Array:
+        """The step to the minimum of the linearised problem; zero where the search has converged."""
+        gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
+        return np.asarray(-self.covariance @ gradient)
 
     def project(self, parts: Sequence[Array]) -> Array:
         """Return J'v for a vector v, or for k vectors as columns, in parts, one for each record."""

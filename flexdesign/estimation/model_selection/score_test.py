@@ -158,7 +158,8 @@ def score_of_columns(solution: Solution, columns: Sequence[Array | None]) -> flo
         gradients.append(whitened.T @ residual)
     if not grams:
         return 0.0
-    shared, gradient = np.hstack(projections), np.concatenate(gradients)
+    shared = np.hstack(projections)
+    gradient = np.concatenate(gradients) + shared.T @ solution.newton_step
     own = block_diag(*grams) - shared.T @ solution.covariance @ shared
     return float(gradient @ np.linalg.pinv(own, rcond=SIMULATION_ROUNDING, hermitian=True) @ gradient)
 
@@ -238,7 +239,12 @@ class Screening:
         # The square of the relative error of the Jacobian is the rounding of the simulator.
         if norm2 <= self.solution.problem.dataset.floor or projected_norm2 < SIMULATION_ROUNDING * norm2:
             return None
-        return Direction(candidate, values, move, projection, projected_norm2, float(move @ self.residual))
+        predicted_gain = float(self._predicted_gain(move, projection))
+        return Direction(candidate, values, move, projection, projected_norm2, predicted_gain)
+
+    def _predicted_gain(self, move: Array, projection: Array) -> Array:
+        """Return d'e of one direction, or of several as columns, after the free parameters took their own step."""
+        return np.asarray(move.T @ self.residual + projection.T @ self.solution.newton_step)
 
     def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
         """Return the direction of a sinusoid with the best phase in each run."""
@@ -254,7 +260,8 @@ class Screening:
         matrix = np.column_stack(columns)
         projection = self.solution.project(np.split(matrix, self.ends))
         gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
-        amounts = np.linalg.pinv(gram, rcond=SIMULATION_ROUNDING, hermitian=True) @ (matrix.T @ self.residual)
+        inverse = np.linalg.pinv(gram, rcond=SIMULATION_ROUNDING, hermitian=True)
+        amounts = inverse @ self._predicted_gain(matrix, projection)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
         size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
         if size == 0:

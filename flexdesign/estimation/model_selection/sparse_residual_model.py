@@ -56,7 +56,7 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     solution, columns = fit.solution, np.vstack(parts)
     projection, inverse = solution.project(parts), solution.covariance
     gram = columns.T @ columns - projection.T @ inverse @ projection
-    predicted_gain = columns.T @ np.concatenate(solution.residuals)
+    predicted_gain = columns.T @ np.concatenate(solution.residuals) + projection.T @ solution.newton_step
     # With a smaller remainder the free parameters, and the functions that were added, can imitate a function.
     least = DIFFERENCE_STEP * np.sum(columns**2, axis=0)
     chosen, gains = _pursuit(gram, predicted_gain, least, float(chdtri(1, LEVEL / max(len(names), 1))))
