@@ -19,7 +19,12 @@ from flexdesign import effects
 from flexdesign.core.model import Block
 from flexdesign.diagnosis import initialised_comparison
 from flexdesign.diagnosis.comparison import Comparison
-from flexdesign.diagnosis.effect_selection.estimation_setup import initial_conditions, modes, relaxing
+from flexdesign.diagnosis.effect_selection.estimation_setup import (
+    initial_conditions,
+    modes,
+    prior_of_initial_condition,
+    relaxing,
+)
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -153,7 +158,7 @@ def test_every_mode_of_an_axis_rings() -> None:
     axis = acting(second_mode={"share": 0.1, "frequency": 170.0, "damping_ratio": 0.01})
     run = made("run", np.zeros(500))
     columns, sizes = initial_conditions(axis, 50e-6)(run)
-    assert columns.shape == (500, 5) and sizes[1:] == pytest.approx([5e-6] * 4)
+    assert columns.shape == (500, 5) and sizes[1:] == pytest.approx([0.3 * 50e-6] * 4)
     # Released from 1 um, a mode alone: x = e^(-zeta w t) (cos w_d t + zeta w / w_d sin w_d t).
     w, zeta = 2 * math.pi * 170.0, 0.01
     damped = w * math.sqrt(1 - zeta**2)
@@ -211,3 +216,16 @@ def test_roles_and_order_change_nothing() -> None:
     plain, other = (initialised_comparison.compare(model, runs, noise=NOISE) for runs in (records, roles[::-1]))
     assert {r.name: r.rms for r in other.runs} == pytest.approx({r.name: r.rms for r in plain.runs}, rel=1e-3)
     assert {r.name: r.role for r in other.runs} == {"one": "test", "two": "validate"}
+
+
+@pytest.mark.parametrize(("bipolar", "range_"), [(False, (0.0, 100.0)), (True, (-100.0, 100.0))])
+def test_what_happened_before_a_record_may_be_anywhere(bipolar: bool, range_: tuple[float, float]) -> None:
+    """A record begins at any moment of a sample, after a reversal at any command of the range."""
+    model = AxisDynamics("x", acting(bouc_wen={"a": 1e-7, "b": 0.02, "c": 0.0, "n": 1.0}), 100.0, bipolar=bipolar)
+    model, seen = model.set_apart(["run"]), made("run", np.zeros(10))
+    rng = np.random.default_rng(0)
+    for name, (low, high) in {"turn.1": range_, "turn.2": range_, "trigger": (-PERIOD / 2, PERIOD / 2)}.items():
+        (number,) = [p for p in model.parameters() if p.name == f"run:{name}"]
+        prior = prior_of_initial_condition(number, [seen], 100.0, model)
+        drawn = rng.uniform(low, high, 100_000)
+        assert prior == pytest.approx((drawn.mean(), drawn.std()), rel=0.01, abs=0.01 * (high - low))

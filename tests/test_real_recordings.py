@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from flexdesign.diagnosis import Diagnosis, diagnose
-from flexdesign.dynamics.stage_model import StageModel, reading
-from flexdesign.measurements.recordings import read_runs
+from flexdesign.dynamics.stage_model import AxisModel, StageModel, reading
+from flexdesign.measurements.recordings import Run, read_runs
+from studies.real_recordings.varied import VARIATIONS
 
 BESIDE = Path(__file__).parents[2] / "shared" / "data"
 FOLDER = Path(os.environ.get("FLEXDESIGN_RECORDINGS", BESIDE))
@@ -128,3 +129,17 @@ def test_every_recording_is_read_without_a_remark_that_matters() -> None:
         "cycles-1hz": ("V", "m"),
     }
     assert not [remark for run in runs for remark in run.remarks]
+
+
+def test_a_variation_changes_what_it_says_and_nothing_else() -> None:
+    axis = AxisModel(400.0, 0.02, 1e-6)
+    known, time = StageModel({"x": axis}), np.arange(100) * 1e-3
+    recorded = [Run("a", time, {"u": 2 * time, "x": 3 * time}, {"u": "V", "x": "m"})]
+    assert len({str(variation) for variation in VARIATIONS}) == len(VARIATIONS)
+    for variation in VARIATIONS:
+        (run,), changed = variation.of_recordings(recorded), variation.of_model(known).axes["x"]
+        assert isinstance(run, Run)
+        kept = time[variation.first : 100 - variation.last]
+        assert np.array_equal(run.time, kept) and np.array_equal(run.columns["x"], 3 * kept)
+        known_there = {variation.number: variation.factor * axis.numbers[variation.number]} if variation.number else {}
+        assert changed.numbers == pytest.approx({**axis.numbers, **known_there})

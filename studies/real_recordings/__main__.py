@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,9 +15,12 @@ from typing import Any
 from flexdesign.core import versions
 from flexdesign.diagnosis import Diagnosis, diagnose
 from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.measurements import recordings
 from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import diagnosis_text as said
+from studies.real_recordings import varied
+from studies.real_recordings.varied import Recordings
 
 
 @dataclass(frozen=True)
@@ -70,29 +73,34 @@ def row(title: str, found: Diagnosis, seconds: float) -> tuple[str, ...]:
     return title, found.verdict, named, *errors_before, with_effects, rest, f"{seconds:.0f} s"
 
 
-def diagnose_recording(recording: Recording, folder: Path) -> Diagnosis:
-    """Return the diagnosis of a recording."""
+def read(recording: Recording, folder: Path) -> tuple[StageModel, Recordings]:
+    """Return the model from which a diagnosis begins, and what was recorded."""
     with TemporaryDirectory() as scratch:
         path = folder / "model.toml"
         if recording.model:
             path = Path(scratch) / "model.toml"
             path.write_text(f"format = 1\n[axis.x]\n{recording.model}\n", encoding="utf-8")
-        model = stage_model.read(str(path), [])
-        return diagnose(model, recordings.read_recordings([folder]), axis=recording.axis or None)
+        return stage_model.read(str(path), []), recordings.read_recordings([folder])
 
 
-def write(rows: Sequence[tuple[str, ...]], out: Path) -> None:
+def diagnose_recording(recording: Recording, folder: Path) -> Diagnosis:
+    """Return the diagnosis of a recording."""
+    model, recorded = read(recording, folder)
+    return diagnose(model, recorded, axis=recording.axis or None)
+
+
+def write(heads: Sequence[str], rows: Sequence[tuple[str, ...]], option: str, out: Path) -> None:
     """Write the table of what is diagnosed so far, as Markdown and as JSON."""
     out.mkdir(parents=True, exist_ok=True)
     made = ", ".join(f"{name} {version}" for name, version in versions.installed().items())
     lines = [
         "# Recordings of others",
         "",
-        f"Made by `python -m studies.real_recordings FOLDER` ({made}).",
+        f"Made by `python -m studies.real_recordings FOLDER{option}` ({made}).",
         "",
-        *(f"| {' | '.join(cells)} |" for cells in (HEADS, ["---"] * len(HEADS), *rows)),
+        *(f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows)),
     ]
-    result: dict[str, Any] = {"rows": [dict(zip(HEADS, cells, strict=True)) for cells in rows]}
+    result: dict[str, Any] = {"rows": [dict(zip(heads, cells, strict=True)) for cells in rows]}
     (out / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (out / "result.json").write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
@@ -101,23 +109,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Diagnose what is there; print and write the table, row by row."""
     parser = argparse.ArgumentParser(prog="python -m studies.real_recordings", description="Recordings of others")
     parser.add_argument("folder", type=Path, help="folder that holds the folders of recordings")
-    parser.add_argument("--out", type=Path, default=Path("reports/real_recordings"), help="folder of the table")
+    parser.add_argument("--vary", action="store_true", help="begin with other models and with shorter recordings, too")
+    parser.add_argument("--out", type=Path, help="folder of the table")
     given = parser.parse_args(arguments)
+    out = given.out or Path("reports/varied_recordings" if given.vary else "reports/real_recordings")
+    heads, option = (varied.HEADS, " --vary") if given.vary else (HEADS, "")
     rows = list[tuple[str, ...]]()
     for recording in RECORDINGS:
         folder = given.folder / recording.folder
         if not folder.is_dir():
             print(f"{folder} is not there; left out", file=sys.stderr)
             continue
-        began = process_time()
-        found = diagnose_recording(recording, folder)
-        rows.append(row(recording.title, found, process_time() - began))
-        print("  ".join(rows[-1]), flush=True)
-        write(rows, given.out)  # an interruption loses nothing
+        for cells in _rows(recording, folder, is_varied=given.vary):
+            rows.append(cells)
+            print("  ".join(cells), flush=True)
+            write(heads, rows, option, out)  # an interruption loses nothing
     if not rows:
         print(f"error: {given.folder} holds none of {', '.join(r.folder for r in RECORDINGS)}", file=sys.stderr)
         return 2
     return 0
+
+
+def _rows(recording: Recording, folder: Path, *, is_varied: bool) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of a recording: one, or one for each variation."""
+    model, recorded = read(recording, folder)
+    if is_varied:
+        for variation in varied.VARIATIONS:
+            changed = variation.of_model(model), variation.of_recordings(recorded)
+            yield varied.row(recording.title, variation, diagnose(*changed, axis=recording.axis or None))
+        return
+    began = process_time()
+    found = diagnose(model, recorded, axis=recording.axis or None)
+    yield row(recording.title, found, process_time() - began)
 
 
 if __name__ == "__main__":

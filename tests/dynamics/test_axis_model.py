@@ -256,6 +256,14 @@ def test_a_run_may_have_numbers_of_its_own() -> None:
     assert np.array_equal(model.replace({"other:trigger": 3 * PERIOD}).predict(seen), plain)
 
 
+@pytest.mark.parametrize(("bipolar", "turns"), [(False, [75.0, 10.0]), (True, [50.0, -80.0])])
+def test_a_run_begins_in_a_cycle_over_the_range_of_the_commands(bipolar: bool, turns: list[float]) -> None:
+    model = AxisDynamics("x", FULL, 100.0, bipolar=bipolar).set_apart(["run"])
+    found = {p.name: p.start for p in model.parameters() if ":turn" in p.name}
+    assert list(found.values()) == pytest.approx(turns)
+    assert np.array_equal(model.predict(run(wave())), model.replace(found).predict(run(wave())))
+
+
 def test_what_moves_by_itself_does_not_jump_where_the_trigger_changes_its_sign() -> None:
     """Of base motion a nanosecond shows nothing, while the phase would advance by 6 degrees in a sample."""
     shaken = replace(PLAIN, effects={"base_motion": {"amplitude": 1e-6, "frequency": 18.0, "phase": 0.3}})

@@ -13,7 +13,7 @@ from scipy.stats import binom, chi2
 
 from flexdesign.estimation.criterion import LARGE, LEVEL, significant_deviation
 from flexdesign.estimation.least_squares.dataset import SIMULATION_ROUNDING, Dataset
-from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, linearise, solve
 from flexdesign.estimation.least_squares.residual_function import Problem, coordinates
 from flexdesign.estimation.model_selection.score_test import (
     Candidate,
@@ -129,6 +129,27 @@ def test_a_promise_is_the_fall_of_the_cost(of: Whitening) -> None:
         best_step = np.linalg.lstsq(with_it, right)[0][-1]
         assert direction.predicted_reduction == pytest.approx(fall, rel=1e-3)  # slopes by forward differences
         assert direction.start[effect.name] == pytest.approx(best_step, rel=1e-3)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.2, 20.0])
+def test_a_promise_does_not_count_what_the_model_explains_by_itself(away: float) -> None:
+    """A search may end far from the minimum. What the parameters of the model would explain there is of no effect."""
+    rng, of = np.random.default_rng(5), ColouredNoise(Process.white(0.3))
+    model, effect = base("p", "q"), candidate("x", {"x": 0.3, "p": 2.0}, signed=True)
+    observed = runs(lambda run: 2 * column(run, "p") + 0.3 * column(run, "x") + 0.3 * rng.standard_normal(N))
+    at_minimum = solution(model, observed, of)
+    there = linearise(at_minimum.problem, at_minimum.x + away)
+    assert there is not None
+    before, right = columns(model, observed, ["p", "q"], of), data_of(observed, of)
+    both = columns(as_sum(effect.add(model)), observed, ["p", "q", "x"], of)
+    fall = least(before, right) - least(both, right)
+    assert (there.cost > at_minimum.cost + 100) is (away > 0)
+    (direction,) = Screening(there, [effect]).directions
+    assert direction.predicted_reduction == pytest.approx(fall, rel=2e-3)
+    score = score_of_columns(there, [column(run, "x")[:, None] for run in observed])
+    assert score == pytest.approx(
+        score_of_columns(at_minimum, [column(run, "x")[:, None] for run in observed]), rel=1e-3
+    )
 
 
 def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
