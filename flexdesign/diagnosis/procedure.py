@@ -251,7 +251,7 @@ def choose_interpolation(
     for variant in (data, alternative):
         searched = windows(variant, {}) if variant.is_very_long else variant
         dynamics, task = case_of(model, searched, each, lambda _: None)
-        if (fit := fit_model(task, dynamics, effort=INEXACT)) is None:
+        if (fit := fit_model(task, dynamics)) is None:
             return data
         fits.append(fit)
     critical = INDISTINGUISHABLE * max(fits[0].scale, 1.0)
