@@ -1,7 +1,6 @@
 """Variations of a model and of recordings that must not change the answer.
 
-A user knows gain, frequency and damping roughly, and begins and ends a record at any sample. An answer that hangs on
-that is not one.
+A user knows gain, frequency and damping roughly, and begins and ends a record at any sample.
 """
 
 from __future__ import annotations

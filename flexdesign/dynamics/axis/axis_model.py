@@ -157,8 +157,8 @@ class AxisDynamics:
         farthest, tried = TURNED_WITHIN * self.max_command, TRIAL_REVERSALS_BIPOLAR if self.bipolar else TRIAL_REVERSALS
         before, range_ = "where the voltage had turned before the record", (-farthest, farthest)
         turns = (
-            Parameter(name, "V", "V", before, None, start, range_, screen=self._shares(tried[name]))
-            for name, start in self._reversals().items()
+            Parameter(n, "V", "V", before, None, start, range_, screen=tuple(s * self.max_command for s in tried[n]))
+            for n, start in self._reversals().items()
         )
         phases = (replace(p, screen=QUARTERS) for p in common if p.per_run and p.si == "rad")
         deviations = (_deviation(p) for p in common if p.name in self.by_run)
@@ -169,9 +169,6 @@ class AxisDynamics:
         """Return where a voltage had turned before a record unless the run has numbers of its own [V], by name."""
         low = -self.max_command if self.bipolar else 0.0
         return {name: low + share * (self.max_command - low) for name, share in REVERSALS.items()}
-
-    def _shares(self, shares: Iterable[float]) -> tuple[float, ...]:
-        return tuple(share * self.max_command for share in shares)
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
