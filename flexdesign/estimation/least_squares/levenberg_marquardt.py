@@ -106,9 +106,9 @@ class Solution:
 
     @cached_property
     def newton_step(self) -> Array:
-        """The step to the minimum of the linearised problem; zero where the search has converged."""
+        """The step to the minimum of the linearised problem within the bounds; zero where the search has converged."""
         gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
-        return np.asarray(-self.covariance @ gradient)
+        return _step(self.normal, gradient, 0.0, self.x, self.problem, np.zeros(len(self.x), dtype=bool))
 
     def project(self, parts: Sequence[Array]) -> Array:
         """Return J'v for a vector v, or for k vectors as columns, in parts, one for each record."""
