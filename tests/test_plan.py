@@ -13,6 +13,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import resolve_effects
@@ -162,6 +163,24 @@ def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
             assert np.sum(np.abs(hertz - frequency) < damping * frequency) >= 3
         crest = np.ptp(kept) / 2 / kept.std()
         assert crest < 3.2  # of 30 draws the best; a single one has 3.5 in the mean
+
+
+@pytest.mark.parametrize("slew", [1e3, 2e3])
+def test_large_multisines_of_a_slow_driver_are_narrower_not_smaller(slew: float) -> None:
+    limits, commands = planned(stage(), dict(slew=slew))
+    spans, highest = dict[str, float](), dict[str, float]()
+    for level in ("small", "medium", "large"):
+        command = commands[f"multisine_{level}_a"]
+        count, end = round(command.cycle * limits.rate), round(command.marks[-1] * limits.rate)
+        kept = command.samples[end - count : end]
+        amplitude = np.abs(np.fft.rfft(kept))[1:]
+        spans[level] = float(np.ptp(kept)) / limits.span
+        highest[level] = float(np.flatnonzero(amplitude > 0.5 * amplitude.max())[-1] + 1) / command.cycle
+        assert np.abs(np.diff(command.samples)).max() <= limits.slew / limits.rate
+    assert spans["large"] > 2 * spans["medium"] > 4 * spans["small"]
+    assert highest["large"] < highest["medium"] / 2 < highest["small"] / 2
+    assert highest["small"] >= 1.3 * FREQUENCY
+    assert f"up to {units.hertz(highest['large'], 2)}" in commands["multisine_large_a"].purpose
 
 
 def test_the_motion_stays_within_the_static_range() -> None:

@@ -97,7 +97,7 @@ class _Maker:
         self.model, self.limits, self.generator = model, limits, np.random.default_rng(seed)
         self.period, axis = 1 / limits.rate, model.axis
         modes = [(axis.natural_frequency, axis.damping_ratio), *((m.frequency, m.damping_ratio) for m in axis.modes)]
-        lowest, highest = min(f for f, _ in modes), max(f for f, _ in modes)
+        lowest, self.highest = min(f for f, _ in modes), max(f for f, _ in modes)
         self.gentle = min(lowest / 30, limits.bandwidth / 8)  # of this frequency, turns hardly shake the mode
         # After this time the slowest mode has decayed to 2 %.
         self.settling = min(max(4.0 / min(2 * math.pi * f * max(d, 1e-3) for f, d in modes), 0.1), 2.0)
@@ -105,7 +105,7 @@ class _Maker:
         # a whole part of the sampling rate.
         wanted = min(max(min(2 * d * f for f, d in modes) / 4, lowest / 400), lowest / 40)
         self.resolution = limits.rate / math.ceil(limits.rate / wanted)
-        self.band = (lowest / 40, min(limits.bandwidth, 3 * highest))
+        self.band = (lowest / 40, min(limits.bandwidth, 3 * self.highest))
         self.rest = self.still(2.0)  # a hundred periods of mains hum
 
     def command(self, name: str, kind: str, purpose: str, samples: Array, **more: Any) -> Command:
@@ -208,18 +208,34 @@ class _Maker:
         return self.model.predict(command.run(self.model.name, self.model.axis.response))
 
     def multisine(self, level: str, realisation: str) -> Command:
-        """Return a multisine of one level: a period in which the stage settles, and two that differ by noise alone."""
+        """Return a multisine of one level: a period in which the stage settles, and two that differ by noise alone.
+
+        The small ones cover the whole band. Larger ones end at a lower frequency if a slow driver asks for that:
+        reduced to its slew limit they would all be as small.
+        """
         size, period = MULTISINE_LEVELS[level], 1 / self.resolution
-        edges, resolution = [f"{edge!r} Hz" for edge in self.band], f"{self.resolution!r} Hz"
-        shape = dict(shape="multisine", low="-1 V", high="1 V", band=edges, resolution=resolution)
-        seeds, samples = self.generator.integers(2**32, size=PHASE_DRAWS).tolist(), round(period * self.limits.rate)
-        draws = (Multisine.model_validate({**shape, "seed": each}).sampled(self.period)[:samples] for each in seeds)
-        tones = max(draws, key=np.std)  # all have the same peak
-        purpose = f"resonance, damping, delay at {100 * size:g} % of the range, phases {realisation}"
+        seeds = self.generator.integers(2**32, size=PHASE_DRAWS).tolist()
+        low, high = self.band
+        tones = self.tones(high, seeds)
+        share = self.limits.step / float(np.abs(np.diff(0.5 * size * self.limits.span * tones)).max())
+        if share < 1 and size > min(MULTISINE_LEVELS.values()):  # the slope grows with the highest frequency
+            high = self.resolution * round(max(share * high, 2 * low) / self.resolution)
+            tones = self.tones(high, seeds)
+        has_modes = high >= self.highest
+        purpose = "resonance, damping, delay" if has_modes else f"gain and hysteresis up to {units.hertz(high, 2)}"
         return self.within(
-            f"multisine_{level}_{realisation}", "multisine", purpose, np.tile(tones, 3), size,
+            f"multisine_{level}_{realisation}", "multisine",
+            f"{purpose} at {100 * size:g} % of the range, phases {realisation}", np.tile(tones, 3), size,
             marks=(period, 2 * period, 3 * period), cycle=period,
         )  # fmt: skip
+
+    def tones(self, highest: float, seeds: Sequence[int]) -> Array:
+        """Return a period of tones up to a frequency [Hz], from -1 to 1, with the phases of largest rms."""
+        edges, resolution = [f"{edge!r} Hz" for edge in (self.band[0], highest)], f"{self.resolution!r} Hz"
+        shape = dict(shape="multisine", low="-1 V", high="1 V", band=edges, resolution=resolution)
+        samples = round(self.limits.rate / self.resolution)
+        draws = (Multisine.model_validate({**shape, "seed": each}).sampled(self.period)[:samples] for each in seeds)
+        return max(draws, key=np.std)  # all have the same peak
 
     def triangles(self) -> Iterator[Command]:
         """Yield triangles over the whole range at two rates, from home and back."""
