@@ -12,7 +12,7 @@ An effect is *added* if it passes four checks.
    range.
 
 Of several effects that pass, the one with the least BIC is *preferred*. If none is adequate, each is an approximation.
-Then it is the least BIC of those that predict the validation runs best, within `SHARE`.
+Then only those compete that predict the validation runs best, within `SHARE`.
 
 All added effects are *named* if the residual is noise. Otherwise they are named if they explain much compared with the
 residual, and if neither smooth functions, a static curve nor a linear system explain more in their place.

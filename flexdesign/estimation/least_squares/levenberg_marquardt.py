@@ -21,7 +21,7 @@ from flexdesign.estimation.least_squares.residual_function import JacobianBlock,
 #: a third of its standard deviation.
 SMALL_REDUCTION = 0.1
 #: An updated Jacobian serves while the gain ratio, actual by predicted reduction, is at least this, and for this
-#: number of steps; it shows convergence if the gain ratio of the last step was between these.
+#: number of steps; it shows convergence if the gain ratio of the last step was within `LARGE`.
 LEAST_GAIN_RATIO, MOST_UPDATES = 0.1, 12
 #: Damping: its first value, and its factors after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-3, 0.2, 8.0

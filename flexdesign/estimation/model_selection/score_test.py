@@ -1,10 +1,10 @@
 """Score of every effect that might explain a residual, without fitting any of them.
 
 An effect at a trial strength moves the prediction by d (whitened). What the free parameters of the model can imitate is
-projected out, d' = d - J (J'J)^-1 J'd. With the residual e, the predicted reduction of chi^2 is (d'e)^2 / d'd'. It is
-the score statistic of Rao (1948) with a secant in place of the derivative, so that effects with a threshold, whose
-derivative is zero at the null, are found as well. Nonlinear parameters are tried on a grid. A sinusoid has two columns
-in each run, because its phase differs from run to run.
+projected out, d' = d - J (J'J)^-1 J'd. With the residual e after their own step, which is zero at the minimum, the
+predicted reduction of chi^2 is (d'e)^2 / d'd'. It is the score statistic of Rao (1948) with a secant in place of the
+derivative, so that effects with a threshold, whose derivative is zero at the null, are found as well. Nonlinear
+parameters are tried on a grid. A sinusoid has two columns in each run, because its phase differs from run to run.
 
 The critical value of the largest score follows from the correlations between all d'. Without any effect the scaled
 scores are Gaussian with these correlations, so that the largest score can be simulated (a parametric bootstrap over the
