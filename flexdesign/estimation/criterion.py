@@ -11,8 +11,8 @@ An effect is *added* if it passes four checks.
 4. *Determination.* The 95 % interval of its strength excludes the null, and the strength is not at the end of its
    range.
 
-Of several effects that pass, the one with the least BIC is *preferred*. If none is adequate, each is an approximation.
-Then only those compete that predict the validation runs best, within `SHARE`.
+Of several effects that pass, the one with the least BIC is *preferred*. If BIC does not distinguish them and none is
+adequate, each is an approximation. Then an effect that predicts the validation runs better by `SHARE` comes before it.
 
 All added effects are *named* if the residual is noise. Otherwise they are named if they explain much compared with the
 residual, and if neither smooth functions, a static curve nor a linear system explain more in their place.

@@ -331,19 +331,20 @@ def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None =
 
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
     restart from other initial states, then with larger and smaller thresholds (of the effects `names`, by default all),
-    each step twice as far as the last while chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961).
+    each step twice as far as the last while chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961). This
+    is repeated until nothing lowers chi^2: other thresholds may call for other initial states.
     """
-    model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
+    best, model = fit, search_initial_states(task, fit.solution.problem.dataset, fit.model)
     if model is not fit.model:
-        fit = _better(fit, fit_model(task, model, fit.effects, old=fit.solution.columns()))
+        best = _better(best, fit_model(task, model, fit.effects, old=fit.solution.columns()))
     restarted = [effect for effect in fit.effects if names is None or effect.name in names]
     for name in (name for effect in restarted for name in effect.hidden):
         task.progress(f"fitting with other values of {name}")
-        rough = _search_threshold(task, fit, name)
+        rough = _search_threshold(task, best, name)
         if rough is not None:
-            model = task.fine(rough.problem.at(rough.x), fit.scale)
-            fit = _better(fit, fit_model(task, model, fit.effects, old=rough.columns()))
-    return fit
+            model = task.fine(rough.problem.at(rough.x), best.scale)
+            best = _better(best, fit_model(task, model, fit.effects, old=rough.columns()))
+    return fit if best is fit else escape(task, best, names)
 
 
 def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:

@@ -185,14 +185,19 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
 def _choose(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
     """Return the best of accepted trials, of which the first has the least BIC.
 
-    If all are approximations, those are compared that predict the validation runs best, within `criterion.SHARE`.
-    Those with a parameter at the end of its plausible range come last.
+    If all are approximations, a trial that BIC does not distinguish from the first comes before it in two cases: all
+    its parameters are within their plausible ranges, and those of the first are not; or it predicts the validation
+    runs better by `criterion.SHARE`. If none of these trials is plausible, a plausible one is taken that predicts worse
+    by less than `criterion.SHARE`.
     """
     if not accepted or not accepted[0].fit.exceeds_noise or not task.validate.records:
         return next(iter(accepted), None)
-    least = min(trial.error for trial in accepted)
-    close = [t for t in accepted if criterion.explained_share(t.error, least, task.noise_rms) < criterion.SHARE]
-    return (_plausible(task, close) or close)[0]
+    first = accepted[0]
+    alike = [t for t in accepted if criterion.cannot_tell_apart(bic_lead(first.fit, t.fit), first.fit.discrepancy)]
+    close = [t for t in accepted if criterion.explained_share(t.error, first.error, task.noise_rms) < criterion.SHARE]
+    plausible = _plausible(task, alike) or _plausible(task, close) or alike
+    first, best = plausible[0], min(plausible, key=lambda trial: trial.error)
+    return best if criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE else first
 
 
 def _plausible(task: EstimationTask, trials: Sequence[Trial]) -> list[Trial]:
