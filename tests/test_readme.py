@@ -190,6 +190,18 @@ def test_real_recordings_are_those_of_the_kept_report() -> None:
         assert f"| {' | '.join(row[name] for name in shown)} |" in text
 
 
+def test_answers_to_varied_recordings_are_those_of_the_kept_report() -> None:
+    rows = json.loads((EXAMPLES / "varied_recordings" / "result.json").read_text(encoding="utf-8"))["rows"]
+    by_recording: dict[str, list[tuple[str, str]]] = {}
+    for row in rows:
+        by_recording.setdefault(row["recording"], []).append((row["verdict"], row["named"]))
+    assert len(by_recording) == 6
+    for recording, (first, *others) in by_recording.items():
+        same = sum(answer == first for answer in others)
+        assert len(others) == 10
+        assert f"| {recording} | {same} of {len(others)} |" in page("evidence")
+
+
 @pytest.mark.parametrize(
     ("kept", "mesh", "name"),
     [
