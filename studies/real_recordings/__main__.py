@@ -132,15 +132,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _rows(recording: Recording, folder: Path, *, is_varied: bool) -> Iterator[tuple[str, ...]]:
     """Yield the rows of a recording: one, or one for each variation."""
-    model, recorded = read(recording, folder)
-    if is_varied:
-        for variation in varied.VARIATIONS:
-            changed = variation.of_model(model), variation.of_recordings(recorded)
-            yield varied.row(recording.title, variation, diagnose(*changed, axis=recording.axis or None))
+    if not is_varied:
+        began = process_time()
+        found = diagnose_recording(recording, folder)
+        yield row(recording.title, found, process_time() - began)
         return
-    began = process_time()
-    found = diagnose(model, recorded, axis=recording.axis or None)
-    yield row(recording.title, found, process_time() - began)
+    model, recorded = read(recording, folder)
+    for variation in varied.VARIATIONS:
+        changed = variation.of_model(model), variation.of_recordings(recorded)
+        yield varied.row(recording.title, variation, diagnose(*changed, axis=recording.axis or None))
 
 
 if __name__ == "__main__":

@@ -182,7 +182,7 @@ class _Maker:
             samples = self.limits.level(0.5) + share * whole
             return self.framed(name, kind, purpose, samples, self.settling, marks, scaled=scaled, **more)
 
-        share = min(1.0, float(self.limits.step / np.abs(np.diff(whole)).max()) * (1 - 1e-9))
+        share = min(1.0, self.slew_share(whole) * (1 - 1e-9))
         why = "slew limit" if share < 1 else ""
         middle, half = self._static_range
         for _ in range(3):  # hysteresis makes the motion grow by a little less than the command
@@ -193,6 +193,10 @@ class _Maker:
             left = f"{why} leaves {100 * share * size:.2g} % of the range, which shows no effect"
             raise InputError("command line", "plan", name, f"{left}; allow a faster slew, or a lower --bandwidth")
         return make(share, why)
+
+    def slew_share(self, wave: Array) -> float:
+        """Return by how much a wave [V] may grow within the slew limit."""
+        return float(self.limits.step / np.abs(np.diff(wave)).max())
 
     @cached_property
     def _static_range(self) -> tuple[float, float]:
@@ -217,7 +221,7 @@ class _Maker:
         seeds = self.generator.integers(2**32, size=PHASE_DRAWS).tolist()
         low, high = self.band
         tones = self.tones(high, seeds)
-        share = self.limits.step / float(np.abs(np.diff(0.5 * size * self.limits.span * tones)).max())
+        share = self.slew_share(0.5 * size * self.limits.span * tones)
         if share < 1 and size > min(MULTISINE_LEVELS.values()):  # the slope grows with the highest frequency
             high = self.resolution * round(max(share * high, 2 * low) / self.resolution)
             tones = self.tones(high, seeds)

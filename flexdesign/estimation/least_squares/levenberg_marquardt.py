@@ -105,10 +105,22 @@ class Solution:
         return columns
 
     @cached_property
+    def residual(self) -> Array:
+        """The residuals, record after record."""
+        return np.concatenate(self.residuals)
+
+    @cached_property
     def newton_step(self) -> Array:
         """The step to the minimum of the linearised problem within the bounds; zero where the search has converged."""
         gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
         return _step(self.normal, gradient, 0.0, self.x, self.problem, np.zeros(len(self.x), dtype=bool))
+
+    def predicted_gain(self, columns: Array, projection: Array) -> Array:
+        """Return d'e of a direction, or of several as columns, after the step of the free parameters.
+
+        `projection` is J'd, see `project`.
+        """
+        return np.asarray(columns.T @ self.residual + projection.T @ self.newton_step)
 
     def project(self, parts: Sequence[Array]) -> Array:
         """Return J'v for a vector v, or for k vectors as columns, in parts, one for each record."""

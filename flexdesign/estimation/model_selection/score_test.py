@@ -188,7 +188,6 @@ class Screening:
         self.model = coarse(problem.at(solution.x))
         self.inverse = solution.covariance
         self.ends = np.cumsum([record.rows for record in problem.dataset.records])[:-1]
-        self.residual = np.concatenate(solution.residuals)
         self.predicted = [np.asarray(self.model.predict(record.observation)) for record in problem.dataset.records]
         trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
         directions = problem.each(lambda trial: self._try(*trial), trials)
@@ -239,12 +238,8 @@ class Screening:
         # The square of the relative error of the Jacobian is the rounding of the simulator.
         if norm2 <= self.solution.problem.dataset.floor or projected_norm2 < SIMULATION_ROUNDING * norm2:
             return None
-        predicted_gain = float(self._predicted_gain(move, projection))
+        predicted_gain = float(self.solution.predicted_gain(move, projection))
         return Direction(candidate, values, move, projection, projected_norm2, predicted_gain)
-
-    def _predicted_gain(self, move: Array, projection: Array) -> Array:
-        """Return d'e of one direction, or of several as columns, after the free parameters took their own step."""
-        return np.asarray(move.T @ self.residual + projection.T @ self.solution.newton_step)
 
     def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
         """Return the direction of a sinusoid with the best phase in each run."""
@@ -261,7 +256,7 @@ class Screening:
         projection = self.solution.project(np.split(matrix, self.ends))
         gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
         inverse = np.linalg.pinv(gram, rcond=SIMULATION_ROUNDING, hermitian=True)
-        amounts = inverse @ self._predicted_gain(matrix, projection)
+        amounts = inverse @ self.solution.predicted_gain(matrix, projection)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
         size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
         if size == 0:

@@ -56,7 +56,7 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
     solution, columns = fit.solution, np.vstack(parts)
     projection, inverse = solution.project(parts), solution.covariance
     gram = columns.T @ columns - projection.T @ inverse @ projection
-    predicted_gain = columns.T @ np.concatenate(solution.residuals) + projection.T @ solution.newton_step
+    predicted_gain = solution.predicted_gain(columns, projection)
     # With a smaller remainder the free parameters, and the functions that were added, can imitate a function.
     least = DIFFERENCE_STEP * np.sum(columns**2, axis=0)
     chosen, gains = _pursuit(gram, predicted_gain, least, float(chdtri(1, LEVEL / max(len(names), 1))))
@@ -93,7 +93,7 @@ def cost_of_terms(
         whole = np.zeros((len(part.matrix), len(solution.x)))
         whole[:, part.places] = part.matrix
         parts.append(whole)
-    residual = np.concatenate(solution.residuals)
+    residual = solution.residual
     columns = np.hstack([np.vstack(parts), np.vstack(functions)[:, [name in terms for name in names]]])
     weights = _least_squares(residual, columns)
     rest = residual - columns @ weights
